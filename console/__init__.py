@@ -1,24 +1,25 @@
-"""What people see: the control worker, the app, reports and the command line.
+"""What do people see? This package contains the control worker, the app, reports and the command
+line.
 
 Files:
 
 - `app`: The console's screens know `console.frame.Frame` and a `FrameSource`
-- `attached`: Who is attached to the control worker, and who ordered what?
+- `attached`: Who is attached to the control worker, and who gave which order?
 - `cli`: The command line: `topdress --help`
-- `frame`: What the control worker tells its consoles, ten times a second while the machine moves
-- `gc_tuning`: What lives as long as the console is not swept again and again
-- `import_hooks`: What makes a program come up quickly
-- `link`: The console's end of the control worker
+- `frame`: Which data does the control worker send to its consoles?
+- `gc_tuning`: How are long-lived objects kept out of the garbage collection?
+- `import_hooks`: How does a program start quickly?
+- `link`: How does a console communicate with the control worker?
 - `locale`: Translates the texts of the console into the language in use
 - `reports`: What is written for people to read
-- `running`: The control worker as a process of its own
-- `scale`: Colour scales. For rates: perceptually even, safe for colour-blind eyes
+- `running`: How is the control worker started as a process of its own
+- `scale`: Which colours do rates, errors and passes have?
 - `serve`: Serves the console to browsers
-- `services`: What the pages have done with files and long work
-- `threads`: How many threads may numeric libraries take for themselves?
-- `warm_up`: Compiles once on a computer what a first diagnosis would compile
+- `services`: How are the services of the pages implemented on real files?
+- `threads`: How many threads may numeric libraries use?
+- `warm_up`: How is the first diagnosis on a computer made fast?
 - `worker`: The control worker is a program of its own that owns devices, loop and log
-- `worker_handshake`: Who listens where a run file says?
+- `worker_handshake`: Which program listens at the address in a run file?
 """
 
 import time

@@ -1,9 +1,10 @@
-"""Who is attached to the control worker, and who ordered what? Names, their events in the log, and
-their part of a frame. Pure but for `find_own_name`.
+"""Who is attached to the control worker, and who gave which order? The module has the names of
+consoles, their events in the log, and their part of a frame. It is pure except for `find_own_name`.
 
-Events: `attached NAME, console` (or `tablet`; `, looks only` where it may not order), `left NAME`,
-`silent NAME` (it no longer keeps the machine working), `heard NAME` (it does again), and behind
-every order the same word with `_by`: `nudge 5.0;nudge_by ann@cab pts/3`.
+Events: `attached NAME, console` (or `tablet`; `, looks only` for a console without the right to
+order), `left NAME`, `silent NAME` (the console no longer keeps the machine working), `heard NAME`
+(it does again). Every order is followed by the same word with `_by`: `nudge 5.0;nudge_by ann@cab
+pts/3`.
 """
 
 from __future__ import annotations
@@ -15,17 +16,18 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-# two names and an order have room in 80 columns, cut at need
+# Longest name: two names and an order fit into 80 columns, cut where needed.
 NAME_CHARACTERS = 32
 NAME_VARIABLE = "TOPDRESS_NAME"
-UNNAMED = "console"  # of one that says no name
-# orders that a frame tells: a dialog of 24 rows holds them
+# Name of a console that sends no name.
+UNNAMED = "console"
+# Number of orders in a frame: a dialog of 24 rows can show them.
 LATEST = 8
 
 
 class Attached(NamedTuple):
-    """Describes an attached console. orders: whether it has shown the token. keeps: whether it said
-    within 2 s that it lives, so that the machine goes on."""
+    """Describes an attached console. `orders` tells whether it has sent the token, `keeps` whether
+    it sent a sign of life within 2 s, so that the machine continues."""
 
     name: str
     tablet: bool = False
@@ -34,7 +36,7 @@ class Attached(NamedTuple):
 
 
 class Ordered(NamedTuple):
-    """Describes an order that was followed. time_s: of the log's row that has it."""
+    """Describes an order that was executed. `time_s` is the time of its row in the log."""
 
     do: str
     value: str
@@ -43,8 +45,8 @@ class Ordered(NamedTuple):
 
 
 def clean_name(name: object) -> str:
-    """A name that breaks neither an event of the log nor a line of the screen; empty where nothing
-    printable remains."""
+    """Returns a name that breaks neither an event of the log nor a line of the screen; empty where
+    no printable character remains."""
     text = name if isinstance(name, str) else ""
     plain = "".join(
         one if one.isprintable() and one not in ';,"' else " "
@@ -54,7 +56,7 @@ def clean_name(name: object) -> str:
 
 
 def make_unique_name(name: str, others: Collection[str]) -> str:
-    """The name, with a number behind it where another console has it."""
+    """Returns the name, with a number appended where another console has it."""
     if name not in others:
         return name
     found = (f"{name[: NAME_CHARACTERS - 4]} #{number}" for number in range(2, len(others) + 3))
@@ -62,8 +64,8 @@ def make_unique_name(name: str, others: Collection[str]) -> str:
 
 
 def find_own_name(given: str | None = None) -> str:
-    """The name that this console gives itself: as given, else as the environment variable
-    TOPDRESS_NAME has it, else user, computer and terminal: `ann@cab pts/3`."""
+    """Returns the name of this console: `given`, else the environment variable TOPDRESS_NAME, else
+    user, computer and terminal: `ann@cab pts/3`."""
     return (
         clean_name(given)
         or clean_name(os.environ.get(NAME_VARIABLE))
@@ -74,7 +76,8 @@ def find_own_name(given: str | None = None) -> str:
 def _find_user_name() -> str:
     try:
         return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a user without a name in the system's list
+    # Some users have no name in the system's list.
+    except (OSError, KeyError, ImportError):
         return "user"
 
 
@@ -84,20 +87,21 @@ def _find_host_name() -> str:
 
 def _find_terminal_name() -> str:
     for number in (0, 1, 2):
-        with contextlib.suppress(OSError, AttributeError):  # Windows names none
+        # Windows has no names of terminals.
+        with contextlib.suppress(OSError, AttributeError):
             return os.ttyname(number).removeprefix("/dev/")
     return ""
 
 
 def format_attached_event(one: Attached) -> str:
-    """The log's event for a console that comes."""
+    """Returns the log's event for a console that attaches."""
     kind = "tablet" if one.tablet else "console"
     return f"attached {one.name}, {kind}{'' if one.orders else ', looks only'}"
 
 
 def read_orders(events: str | None, time_s: float) -> Iterator[Ordered]:
-    """The orders in a cell of events, with the name of the console that gave each; an order without
-    a name is left out."""
+    """Returns the orders in a cell of events, with the name of the console that gave each; an order
+    without a name is omitted."""
     values: dict[str, str] = {}
     for event in (events or "").split(";"):
         word, _blank, value = event.strip().partition(" ")

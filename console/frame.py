@@ -1,7 +1,7 @@
-"""What the control worker tells its consoles, ten times a second while the machine moves: one
-JSON object a line.
+"""Which data does the control worker send to its consoles? Ten times a second while the machine
+moves it sends a frame, one JSON object a line.
 
-The same frame is made from a log by replay, so that the screens know one thing only.
+Replay makes the same frame from a log, so that the screens need only one format.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from topdress.control.readings import NO_EFFORT_FINDING, EffortFinding
 from topdress.control.safety import Allowances, BenchRun
 from topdress.drivers.device_status import DeviceStatus
 
-LEAST_AREA_HA = 1e-4  # 1 m2: less ground has no mean rate
+# Smallest area with a mean rate: 1 m2.
+LEAST_AREA_HA = 1e-4
 
 
 class DeviceDo(StrEnum):
     """Lists the orders for a single device (`Link.send_device_order`)."""
 
     CONNECT = "connect"
-    # refused while the state is working or calibrating
+    # This order is refused while the state is working or calibrating.
     DISCONNECT = "disconnect"
-    TEST = "test"  # listens what speaks there; nothing is sent
-    CAPTURE = "capture"  # what comes and goes into a file next to the log
+    # A test only listens to the line; nothing is sent.
+    TEST = "test"
+    # A capture writes received and sent bytes to a file next to the log.
+    CAPTURE = "capture"
     END_CAPTURE = "end_capture"
 
 
@@ -38,72 +41,89 @@ class DeviceTest(NamedTuple):
     """Holds the findings of listening to a device so far."""
 
     running: bool
-    protocol: str = ""  # empty: nothing known speaks there
-    # of a serial line, where it was found at another rate than configured
+    # Empty if no known device speaks on the line.
+    protocol: str = ""
+    # Baud rate of a serial line, where it differs from the configured rate.
     baud: int | None = None
     accepted: int = 0
     rejected: int = 0
-    # the last line heard, or why the port cannot be used
+    # The last received line, or the reason why the port cannot be used.
     said: str = ""
 
 
 class LagTestView(NamedTuple):
-    """Holds the lag test under way (`Link.send_lag_test_order`): it goes on while the state is
+    """Holds the present lag test (`Link.send_lag_test_order`), which continues while the state is
     calibrating."""
 
-    phase: str  # settling, arming, running, done
-    shaft_rpm: float  # of the run under way
+    # One of settling, arming, running, done.
+    phase: str
+    # Shaft speed of the present run, r/min.
+    shaft_rpm: float
     replicate: int
-    progress: float  # 0 to 1
-    # shaft speed r/min, response s, drop s: as far as measured
+    # Completed share, 0 to 1.
+    progress: float
+    # Shaft speed (r/min), response (s) and drop time (s) of the measured runs.
     runs: tuple[tuple[float, float, float], ...]
-    left_out: int  # runs given up
-    said: str = ""  # the newest failure, in English
-    table_path: str = ""  # the lag bench table, complete as far as `runs`
+    # Number of abandoned runs.
+    left_out: int
+    # The newest failure, in English.
+    said: str = ""
+    # The lag bench table, which contains all of `runs`.
+    table_path: str = ""
 
 
 class Tally(NamedTuple):
-    """Holds counts of a job, its parts before a power cut included."""
+    """Holds counts of a job, including its parts before a power cut."""
 
     held_s: float = 0.0
-    moves: int = 0  # of the opening's set-point, while working
-    refills: tuple[tuple[str, float], ...] = ()  # worker's UTC, kg
-    # the part of the job before this one; empty: none
+    # Number of changes of the opening's set-point while working.
+    moves: int = 0
+    # The worker's UTC and the mass of each refill, kg.
+    refills: tuple[tuple[str, float], ...] = ()
+    # Log of the previous part of the job; empty for the first part.
     log_before: str = ""
     began_utc: str = ""
-    finished: bool = False  # the operator said so
-    # why the job could not go on after a power cut; one line
+    # Whether the operator has finished the job.
+    finished: bool = False
+    # Reason why the job could not continue after a power cut; one line.
     trouble: str = ""
-    # thought to have been released after the last row, and counted
+    # Mass that was probably released after the last row, which the totals include.
     after_cut_kg: float | None = None
-    after_cut_scale_kg: float | None = None  # the same by the scale, once it is known
+    # The same mass by the scale, once it is known.
+    after_cut_scale_kg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceView(DeviceStatus):
     """Holds one device as the Devices screen lists it."""
 
-    plugged: bool = True  # False: disconnected by order
-    # the file that is being written; empty: no capture
+    # False means disconnected by an order.
+    plugged: bool = True
+    # The file that is being written; empty without a capture.
     capture_path: str = ""
     test: DeviceTest | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Holds all that the worker tells its consoles at one moment."""
+    """Holds all data that the worker sends to its consoles at one moment."""
 
     seq: int
-    at_s: float  # the worker's monotonic clock
+    # Time on the worker's monotonic clock, s.
+    at_s: float
     row: LogRow
     alarms: tuple[Alarm, ...] = ()
-    dropped_heads: tuple[int, ...] = ()  # 1-based
-    metres_left_m: float | None = None  # until the hopper is empty at the present rate
-    area_ha: float = 0.0  # worked so far
+    # Numbers of the heads, counted from 1.
+    dropped_heads: tuple[int, ...] = ()
+    # Distance until the hopper is empty at the present rate.
+    metres_left_m: float | None = None
+    # Area worked so far.
+    area_ha: float = 0.0
     applied_kg: float = 0.0
     gnss_age_s: float | None = None
     gnss_hz: float | None = None
-    usable_speed_mps: float | None = None  # highest speed whose lead the heads still cover
+    # Highest speed whose required lead the heads still provide.
+    usable_speed_mps: float | None = None
     look_ahead: bool = True
     flow_trim_on: bool = True
     job: str = ""
@@ -111,46 +131,55 @@ class Frame:
     crop: str = ""
     log_path: str = ""
     simulated: bool = False
-    # outlet, east and north of the field's origin
+    # Position of the outlet, m east and north of the field's origin.
     place_m: tuple[float, float] | None = None
     devices: tuple[DeviceView, ...] = ()
-    notes: tuple[str, ...] = field(default=())  # e.g. "lag_out_of_range"
-    # ids of `control.safety.INTERLOCKS`; empty: flow is allowed
+    # Ids of notes, such as "lag_out_of_range".
+    notes: tuple[str, ...] = field(default=())
+    # Ids of `control.safety.INTERLOCKS`; empty if flow is allowed.
     why_no_flow: tuple[str, ...] = ()
-    # an order, an alarm id, or one of `control.safety.STATE_REASONS`
+    # An order, an alarm id, or one of `control.safety.STATE_REASONS`.
     why_state: str = ""
-    allow: Allowances = field(default_factory=Allowances)  # what the operator allows
-    totals: Totals | None = None  # of the job so far, anew once a second
-    head_ndvi: tuple[float | None, ...] = ()  # every head, left to right; None: silent
+    # Permissions that the operator has given.
+    allow: Allowances = field(default_factory=Allowances)
+    # Totals of the job so far, updated once a second.
+    totals: Totals | None = None
+    # NDVI of every head from left to right; None for a silent head.
+    head_ndvi: tuple[float | None, ...] = ()
     lag_test: LagTestView | None = None
     tally: Tally | None = None
-    # while calibrating: set-points as sent, seconds gone and left
+    # Calibration run: set-points as sent, elapsed and remaining seconds; None in other states.
     bench: BenchRun | None = None
-    no_double: bool = True  # ground that has its material gets no more
-    threshold_m: float | None = None  # of point mode, as learned, at the present speed
-    # left to right; none: the machine has no valves
+    # Whether ground that already has its material gets no more.
+    no_double: bool = True
+    # Trigger distance of point mode, as learned, at the present speed.
+    threshold_m: float | None = None
+    # States of the sections from left to right; empty for a machine without valves.
     sections: tuple[SectionState, ...] = ()
-    # N-rich and farmer check, as they count now
+    # Present values of the N-rich strip and the farmer check.
     strips: Strips = field(default_factory=Strips)
-    sources: tuple[str, ...] = ()  # of the target, that the job has; empty: none
-    # what each of `sources` gives here, kg/ha, without the nudge; None: single doses; empty: the
-    # worker does not tell
+    # Sources of the target that the job has; empty without a job.
+    sources: tuple[str, ...] = ()
+    # Rate of each of `sources` at this place without the nudge, kg/ha; None for single doses; empty
+    # if the worker does not send them.
     source_rates: tuple[float | None, ...] = ()
-    # of the target, as ordered; what stands in for it is in the row
+    # The ordered source of the target; the row names the source in use.
     ordered_source: str = ""
-    manual_rate_kg_ha: float | None = None  # as ordered, also while another source holds
-    consoles: int = 0  # that keep the machine working now; 0: not given
-    # consoles and tablets, in the order in which they came
+    # The ordered manual rate, even while another source is in use.
+    manual_rate_kg_ha: float | None = None
+    # Number of consoles that keep the machine working; 0 if not sent.
+    consoles: int = 0
+    # Consoles and tablets, in the order in which they attached.
     attached: tuple[Attached, ...] = ()
-    # the latest orders that were followed, the newest last
+    # The latest executed orders, the newest last.
     ordered: tuple[Ordered, ...] = ()
-    # of the metering drive, and where its alarms begin
+    # Effort of the metering drive, and the level at which its alarms begin.
     effort: EffortFinding = NO_EFFORT_FINDING
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
-        """Mean rate on the worked area, kg/ha; mass released while commanded to stop lies on none.
-        None below `LEAST_AREA_HA`."""
+        """Mean rate on the worked area, kg/ha; None below `LEAST_AREA_HA`. Mass that was released
+        while commanded to stop is excluded."""
         stopped_kg = 0.0 if self.totals is None else self.totals.stopped_kg
         return (
             (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_AREA_HA else None
@@ -161,7 +190,7 @@ _NAMED_TUPLES = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips
 
 
 def format_frame_json(frame: Frame) -> bytes:
-    """The frame as one line of JSON. Raises ValueError for a number that is not finite."""
+    """Returns the frame as one line of JSON. Raises ValueError for a number that is not finite."""
     tuples: dict[str, Any] = {
         name: part._asdict() for name in _NAMED_TUPLES if (part := getattr(frame, name)) is not None
     }
@@ -183,9 +212,9 @@ def _list_field_values(one: Frame | DeviceView) -> dict[str, Any]:
 
 
 def parse_frame(message: dict[str, Any]) -> Frame:
-    """The frame of a worker's message. Unknown keys are ignored, so that an older console can show
-    a newer worker. Raises ValueError, one line."""
-    # pydantic: the worker, which writes frames, starts without it
+    """Returns the frame of a worker's message. Unknown keys are ignored, so that an older console
+    can show a newer worker. Raises ValueError, one line."""
+    # This import is local, because the worker, which writes frames, starts without pydantic.
     from topdress.drivers.files.plain import build_from_plain
 
     return build_from_plain(Frame, message)

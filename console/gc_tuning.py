@@ -1,35 +1,36 @@
-"""What lives as long as the console is not swept again and again.
+"""How are long-lived objects kept out of the garbage collection?
 
-Drawing leaves some 1,300 objects a second that only a sweep finds (Textual's styles and
-layouts), so Python sweeps every ten seconds, and with them all that lives: pages, their styles,
-what was drawn of them. That takes 45 to 100 ms on the computer of docs/decisions/0001, a second
-on one ten times slower, mostly while a dialog opens, which makes the most objects: the console
-is silent so long. Here what is left after such a sweep is set apart, as `import_hooks` does with
-what the start made, and later sweeps take 10 to 20 ms. What was set apart and is given up
-later, and refers to itself, is never freed; so it is done a bounded number of times.
+Drawing leaves some 1,300 objects a second that only a collection finds (Textual's styles and
+layouts). Python therefore runs a full collection every ten seconds over all living objects: pages,
+their styles and their drawings. It takes 45 to 100 ms on the computer of docs/decisions/0001, a
+second on a computer that is ten times slower, mostly while a dialog opens, which creates the most
+objects; the console is unresponsive for that time. This module freezes the objects that survive a
+collection, as `import_hooks` freezes the objects of the start, and later collections take 10 to 20
+ms. A frozen object in a reference cycle is never freed, so the number of freezes is limited.
 """
 
 from __future__ import annotations
 
 import gc
 
-# objects that are worth it: some 20 ms of a sweep
+# Number of living objects that make a freeze worthwhile: some 20 ms of a collection.
 LEAST_OBJECTS = 20_000
-# in all: once for each page, and some; each leaves 2 MB behind at most
+# Largest number of freezes: once for each page, and some more; each keeps at most 2 MB that could
+# be freed.
 MOST_FREEZES = 12
 
 
 class FreezeSchedule:
-    """Freezes the long-lived objects of a console. Call `freeze_after_sweep` often: between a sweep
-    and the next call little can have become garbage."""
+    """Freezes the long-lived objects of a console. `freeze_after_sweep` is called often, because
+    little garbage can arise between a collection and the next call."""
 
     def __init__(self, lives: int = LEAST_OBJECTS) -> None:
         self.left, self._lives = MOST_FREEZES, lives
         self._seen = _count_full_sweeps()
 
     def freeze_after_sweep(self) -> None:
-        """Set apart all objects that are left, if a full sweep has run since the last call and
-        enough live."""
+        """Freezes all living objects, if a full collection has run since the last call and enough
+        objects live."""
         if self.left == 0 or self._seen == _count_full_sweeps():
             return
         self._seen = _count_full_sweeps()
@@ -39,5 +40,5 @@ class FreezeSchedule:
 
 
 def _count_full_sweeps() -> int:
-    """Number of full sweeps since the process began."""
+    """Returns the number of full collections since the process began."""
     return int(gc.get_stats()[2]["collections"])

@@ -1,7 +1,8 @@
-"""The console's end of the control worker: newest frame in, acknowledged orders out.
+"""How does a console communicate with the control worker? It receives the newest frame and sends
+orders, which are acknowledged.
 
-asyncio only. What is said on the line is described in `console/worker/requests.py` and
-`console/frame.py`.
+The module uses asyncio only. `console/worker/requests.py` and `console/frame.py` describe the
+messages.
 """
 
 from __future__ import annotations
@@ -22,47 +23,53 @@ from topdress.console.running import WorkerAddress
 from topdress.console.worker_handshake import HOST, LINE_BYTES
 from topdress.control.orders import Answer, Order
 
-# the worker holds after 2 s of silence: the console may draw for nearly all of them
+# Interval of the keep-alive, s. The worker holds after 2 s of silence, so the console may draw for
+# nearly 2 s.
 KEEP_ALIVE_S = 0.2
-ANSWER_S = 0.5  # the loop answers with its next tick
+# Time-out of an answer; the loop answers at its next tick.
+ANSWER_S = 0.5
 
 
 class WorkerGone(ConnectionError):
-    """The worker's end is closed: it stopped, died or was never there."""
+    """Reports that the worker's end is closed: it stopped, crashed or never ran."""
 
 
 class Link:
-    """Connects one console to the worker. `run_connection` in a task; read `newest`; give
-    orders."""
+    """Connects one console to the worker. `run_connection` runs in a task, `newest` holds the
+    newest frame, and orders are sent by methods."""
 
-    # says that a console with STOP in sight lives; False: gives orders only
+    # Whether the link keeps the machine working, as a console with STOP in view does; False for a
+    # link that only gives orders.
     keeps_alive = True
 
-    tablet = False  # how the others at this machine have it
+    # Whether the other consoles see this one as a tablet.
+    tablet = False
 
     def __init__(self, where: WorkerAddress, name: str | None = None) -> None:
-        """Make a link that is not connected yet.
+        """Makes a link that is not connected yet.
 
-        name: how this console calls itself (`console.attached.find_own_name`); the worker may put
-        a number behind it.
+        `name` is the name of this console (`console.attached.find_own_name`); the worker may append
+        a number.
         """
         self.where = where
         self.name = find_own_name(name)
         self.newest: Frame | None = None
-        self.newest_at_s: float | None = None  # time.monotonic() when it came
+        # Arrival of the newest frame, time.monotonic() seconds.
+        self.newest_at_s: float | None = None
         self.attached = asyncio.Event()
-        # whether what this console draws is seen
+        # Returns whether the drawing of this console is visible.
         self.shows: Callable[[], bool] = lambda: True
         self._writer: asyncio.StreamWriter | None = None
-        self._named = 0  # the number of the word that says our name
+        # Number of the message that sends the name.
+        self._named = 0
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._numbers = itertools.count(1)
         self._gone = asyncio.Event()
         self._next_word: asyncio.TimerHandle | None = None
 
     async def run_connection(self) -> NoReturn:
-        """Take frames and answers, keep the worker assured; raises WorkerGone the moment its end is
-        closed."""
+        """Receives frames and answers, and sends the keep-alive; raises WorkerGone at once when the
+        worker's end is closed."""
         try:
             reader, self._writer = await asyncio.open_connection(
                 HOST, self.where.port, limit=LINE_BYTES
@@ -74,10 +81,11 @@ class Link:
         self._write_message(self._named, {"ask": "look", "name": self.name, "tablet": self.tablet})
         self._send_keep_alive()
         try:
-            # a worker may be killed in the middle of one
+            # A worker may be killed in the middle of a line.
             while (line := await reader.readline()).endswith(b"\n"):
                 self._take_message(json.loads(line))
-        except (OSError, ValueError):  # a line that is none: not our worker
+        # An invalid line does not come from a topdress worker.
+        except (OSError, ValueError):
             pass
         finally:
             self.attached.clear()
@@ -94,38 +102,38 @@ class Link:
         raise WorkerGone(_("the connection to the machine broke off"))
 
     async def send_order(self, order: Order, timeout_s: float = ANSWER_S) -> Answer:
-        """Give an order and wait for the worker's answer.
+        """Gives an order and returns the worker's answer.
 
-        `no_answer`: none came in time; the order may yet be followed, and the state of the next
-        frames shows it. Raises WorkerGone where there is no worker (any more).
+        `no_answer` means that no answer arrived in time; the order may yet be executed, and the
+        state of the next frames shows it. Raises WorkerGone without a worker.
         """
         return await self._request_answer({"do": order.do.value, "value": order.value}, timeout_s)
 
     async def send_device_order(
         self, name: str, do: DeviceDo, timeout_s: float = ANSWER_S
     ) -> Answer:
-        """Give an order for one device, by the name that the frame gives it; its DeviceView shows
-        the result. Answers and errors as `send_order`."""
+        """Gives an order for one device, by its name in the frame; its DeviceView shows the result.
+        Answers and errors are those of `send_order`."""
         return await self._request_answer({"device": name, "act": do.value}, timeout_s)
 
     async def send_lag_test_order(self, begin: bool, timeout_s: float = ANSWER_S) -> Answer:
-        """Begin the lag test, or end it: it measures while the state is calibrating. Answers and
-        errors as `send_order`."""
+        """Begins or ends the lag test, which measures while the state is calibrating. Answers and
+        errors are those of `send_order`."""
         return await self._request_answer(
             {"ask": "lag_test" if begin else "end_lag_test"}, timeout_s
         )
 
     async def request_stats(self, timeout_s: float = ANSWER_S) -> dict[str, float]:
-        """Punctuality of the worker's loop (`console.worker.host`) and counts of requests that its
-        link refused. Raises TimeoutError."""
+        """Returns the punctuality of the worker's loop (`console.worker.host`) and counts of
+        requests that its link refused. Raises TimeoutError."""
         said = await self._send_request({"ask": "stats"}, timeout_s)
         return dict(said.get("stats", {}))
 
     async def stop_worker(self, timeout_s: float = 5.0) -> None:
-        """Have the worker stop its machine, close its log and end; returns when its end is closed.
+        """Makes the worker stop its machine, close its log and end; returns when its end is closed.
 
-        Raises PermissionError where this console only looks, TimeoutError where the worker does not
-        end in time.
+        Raises PermissionError for a console without the right to order, TimeoutError where the
+        worker does not end in time.
         """
         async with asyncio.timeout(timeout_s):
             with contextlib.suppress(WorkerGone):
@@ -170,9 +178,12 @@ class Link:
                 future.set_result(message)
 
     def _send_keep_alive(self) -> None:
-        """Send the keep-alive. The event loop that takes keys and draws sends it, with its next
-        turn, and nobody else: a frozen console falls silent by itself, one that draws for long is
-        as silent as its screen, and one that is not seen sends nothing."""
+        """Sends the keep-alive.
+
+        Only the event loop that handles keys and drawing sends it. A frozen console therefore falls
+        silent by itself, a console that draws for long is as silent as its screen, and an invisible
+        console sends nothing.
+        """
         if self.where.token is None or not self.keeps_alive or self._gone.is_set():
             return
         if self.shows():
@@ -181,20 +192,21 @@ class Link:
 
 
 class ComingLink(Link):
-    """Connects to a worker that is still coming up: the screen need not wait for it."""
+    """Connects to a worker that is still starting, so that the screen need not wait for it."""
 
     def __init__(self, coming: Future[WorkerAddress], name: str | None = None) -> None:
         super().__init__(WorkerAddress(0, None, 0), name)
         self._coming = coming
 
     async def run_connection(self) -> NoReturn:
-        """Wait for the worker, then run as any link. Raises WorkerFailed where the worker does not
-        come up."""
+        """Waits for the worker, then runs as any link. Raises WorkerFailed where the worker does
+        not start."""
         self.where = await asyncio.wrap_future(self._coming)
         await super().run_connection()
 
     async def _request_answer(self, message: dict[str, Any], timeout_s: float) -> Answer:
-        """Wait for the worker as long as for an answer: before it is there it is not gone."""
+        """Waits for the worker as long as for an answer, because a worker that has not started yet
+        is not gone."""
         if self._writer is None and not self._gone.is_set():
             try:
                 await asyncio.wait_for(self.attached.wait(), timeout_s)

@@ -1,6 +1,6 @@
-"""The control worker as a process of its own: start it, or find the one that runs.
+"""How is the control worker started as a process of its own, and how is a running worker found?
 
-Imported before all else by what starts one: nothing heavy is needed for it.
+Programs that start a worker import this module first, so it needs no slow imports.
 """
 
 from __future__ import annotations
@@ -26,44 +26,48 @@ from topdress.console.worker_handshake import (
 )
 from topdress.drivers.files.lock import take_lock
 
-# a run file that is not there yet is looked for this often
+# Interval at which a missing run file is searched again, s.
 POLL_S = 0.02
-START_TIMEOUT_S = 20.0  # opening devices may take its time
-SESSION_FOLDERS = Path("/run/user")  # pam_systemd(8)
+# Time-out of a start, s, because opening devices may be slow.
+START_TIMEOUT_S = 20.0
+# Folder of the session folders (pam_systemd(8)).
+SESSION_FOLDERS = Path("/run/user")
 OTHERS_WRITE_BITS = stat.S_IWGRP | stat.S_IWOTH
 WORKER_ARGUMENTS = ("-P", "-m", "topdress.console.worker")
 
 
 class WorkerFailed(RuntimeError):
-    """The worker could not start; the message is its own last line."""
+    """Reports that the worker could not start; the message is the worker's last line."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorkerAddress:
-    """Holds where a worker listens. Without the token the console only looks."""
+    """Holds the address at which a worker listens. A console without the token may only look."""
 
     port: int
     token: str | None
     pid: int
-    started: str = ""  # UTC, ISO 8601
+    # Start in UTC, ISO 8601.
+    started: str = ""
     log_path: str = ""
-    parent: int = 0  # the process that started it
+    # Id of the process that started the worker.
+    parent: int = 0
 
     def drop_token(self) -> WorkerAddress:
-        """The address without the token."""
+        """Returns the address without the token."""
         return replace(self, token=None)
 
 
 def find_default_run_file() -> Path:
-    """The file in the user's runtime folder in which a running worker says where it listens. Raises
-    WorkerFailed where that folder is open to other users."""
+    """Returns the file in the user's runtime folder in which a running worker publishes its
+    address. Raises WorkerFailed where that folder is open to other users."""
     import platformdirs
 
     if os.name != "posix" or sys.platform == "darwin":
         folder = Path(platformdirs.user_runtime_dir("topdress", appauthor=False))
     else:
         session = _find_session_folder()
-        # no folder of a session: the user's own, which goes by HOME
+        # Without a folder of a session, the user's own folder under HOME is used.
         folder = (
             Path(platformdirs.user_state_dir("topdress", appauthor=False)) / "run"
             if session is None
@@ -74,11 +78,11 @@ def find_default_run_file() -> Path:
 
 
 def _find_session_folder() -> Path | None:
-    """The folder of this user's session, where there is one: as XDG_RUNTIME_DIR names it, else
-    where systemd keeps it.
+    """Returns the folder of this user's session: XDG_RUNTIME_DIR, else systemd's folder; None
+    without a session.
 
-    Raises WorkerFailed where the named one is another user's, as after `su` or `sudo`: no other
-    user's machine is joined by mistake.
+    Raises WorkerFailed where the folder belongs to another user, as after `su` or `sudo`, so that
+    no other user's machine is joined by mistake.
     """
     named = os.environ.get("XDG_RUNTIME_DIR", "")
     if named:
@@ -89,13 +93,13 @@ def _find_session_folder() -> Path | None:
 
 
 def _is_open_to_others(folder: Path) -> bool:
-    """Whether another user owns the folder, or may put files there."""
+    """Returns whether another user owns the folder, or may create files in it."""
     found = folder.stat()
     return found.st_uid != os.getuid() or bool(found.st_mode & OTHERS_WRITE_BITS)
 
 
 def _refuse_open_folder(folder: Path) -> None:
-    """Raises WorkerFailed where the folder is there and open to other users."""
+    """Raises WorkerFailed for an existing folder that is open to other users."""
     if os.name == "posix" and folder.is_dir() and _is_open_to_others(folder):
         raise WorkerFailed(
             _(
@@ -106,12 +110,12 @@ def _refuse_open_folder(folder: Path) -> None:
 
 
 def find_running_worker(run_file: Path | None = None) -> WorkerAddress | None:
-    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at
-    most.
+    """Returns the worker that runs for this user; None without a worker, and while a worker is
+    starting. Takes at most 0.5 s.
 
-    A run file is removed only where no worker holds the lock next to it. One that is missing or
-    wrong while a worker runs is written anew by that worker, and waited for. Raises WorkerFailed
-    where a worker runs and its file stays wrong, or where it does not greet in time.
+    A run file is removed only if no worker holds the lock next to it. A missing or wrong run file
+    of a running worker is rewritten by that worker, and the function waits for it. Raises
+    WorkerFailed for a running worker whose file stays wrong, or that does not greet in time.
     """
     path = run_file or find_default_run_file()
     until_s = time.monotonic() + GREETING_TIMEOUT_S
@@ -133,7 +137,7 @@ def find_running_worker(run_file: Path | None = None) -> WorkerAddress | None:
 
 
 def _confirm_greeting(where: WorkerAddress, until_s: float) -> WorkerAddress:
-    """The same address, once the worker there has greeted. Raises WorkerFailed."""
+    """Returns the same address after the worker has greeted. Raises WorkerFailed."""
     greeting = read_greeting(where.port, until_s)
     if greeting is None:
         raise WorkerFailed(
@@ -155,20 +159,23 @@ def _confirm_greeting(where: WorkerAddress, until_s: float) -> WorkerAddress:
 
 
 def _is_lock_free(path: Path) -> bool:
-    """Whether no worker runs; the file that one left is then removed, while none can start."""
+    """Returns whether no worker runs; the file that a worker left is then removed, while no worker
+    can start."""
     try:
-        if path.stat().st_uid != getattr(os, "getuid", int)():  # Windows: 0 on both sides
+        # Windows has no user ids, so both sides are 0.
+        if path.stat().st_uid != getattr(os, "getuid", int)():
             raise WorkerFailed(_("{path}: belongs to another user; remove it").format(path=path))
     except FileNotFoundError:
         pass
     try:
         lock = take_lock(path.with_suffix(".lock"))
-    except FileNotFoundError:  # not even the folder is there
+    # The folder does not exist either.
+    except FileNotFoundError:
         return True
     if lock is None:
         return False
     with lock:
-        # the lock's file was removed under it: it locks this one next
+        # The lock's file was removed while the worker held it; the worker will lock this file next.
         if is_still_running(path):
             return False
         path.unlink(missing_ok=True)
@@ -207,16 +214,21 @@ def start_worker(
     timeout_s: float = START_TIMEOUT_S,
     program: Sequence[str] = WORKER_ARGUMENTS,
 ) -> WorkerAddress:
-    """Start a worker in a session of its own and wait until it says where it listens.
+    """Starts a worker in a session of its own and returns its address.
 
-    Blocks: call it before the console starts, or in a thread of its own. Raises WorkerFailed where
-    one runs already, where it ends at once, or where it says nothing for `timeout_s`.
+    The function blocks: it is called before the console starts, or in a thread of its own.
 
     Parameters
     ----------
-    args: the worker's own arguments.
-    trouble_path: the worker's stderr is appended there, because the console draws on stderr.
-    program: the interpreter's arguments.
+    args : arguments of the worker.
+    trouble_path : file to which the worker's stderr is appended, because the console draws on
+    stderr.
+    program : arguments of the interpreter.
+
+    Raises
+    ------
+    WorkerFailed : a worker already runs, the new worker ends at once, or it does not publish its
+    address within `timeout_s`.
     """
     path = run_file or find_default_run_file()
     running = find_running_worker(path)
@@ -247,9 +259,10 @@ def start_worker(
             ).format(code=child.returncode)
             raise WorkerFailed(_("the machine did not start: {last}").format(last=last))
         where = None
-        with contextlib.suppress(WorkerFailed):  # it has the lock, and does not greet yet
+        # A worker that holds the lock may not greet yet.
+        with contextlib.suppress(WorkerFailed):
             where = find_running_worker(path)
-        # Windows: the environment's own program starts it
+        # On Windows the program of the virtual environment starts the interpreter as its child.
         if where and child.pid in (where.pid, where.parent):
             return where
         time.sleep(POLL_S)

@@ -1,11 +1,12 @@
-"""Colour scales. For rates: perceptually even, safe for colour-blind eyes, from the screen's
-dark to its light end.
+"""Which colours do rates, errors and passes have? The scale of rates is perceptually uniform and
+safe for colour-blind eyes, from the screen's dark to its light end.
 
-Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing")
-from a dark blue over a full green to a light yellow: lightness rises evenly, blue to yellow is
-the axis that all common colour deficiencies keep, and the middle is a colour, not the grey that
-lies half-way between the ends. For errors: from a dark blue (too little) over a pale grey
-(right) to a dark orange (too much). For passes: from that blue (once) to that orange (overlap).
+The scales are straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image
+processing"). Rates go from a dark blue over a full green to a light yellow: lightness rises
+uniformly, blue to yellow is the axis that all common colour deficiencies preserve, and the middle
+is a colour instead of the grey half-way between the ends. Errors go from a dark blue (too little)
+over a pale grey (right) to a dark orange (too much). Passes go from that blue (once) to that orange
+(overlap).
 """
 
 from __future__ import annotations
@@ -77,28 +78,29 @@ COLOUR_STEPS = 32
 
 
 def find_rate_colour(share: float) -> Rgb:
-    """sRGB (0 to 255 each) at a place of the scale; share 0 is the low end, 1 the high end; a share
-    outside is clamped."""
+    """Returns the sRGB colour (0 to 255 each) of a rate; share 0 is the low end, 1 the high end,
+    and shares outside are clamped."""
     return _calc_rate_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
 def find_error_colour(share: float) -> Rgb:
-    """sRGB of an error; share 0 is the largest shortfall, 0.5 is right, 1 the largest excess."""
+    """Returns the sRGB colour of an error; share 0 is the largest shortfall, 0.5 is right, 1 the
+    largest excess."""
     return _calc_error_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
 def find_passes_colour(share: float) -> Rgb:
-    """sRGB of the number of passes over the ground; share 0 is once, 1 twice or more."""
+    """Returns the sRGB colour of the number of passes; share 0 is one pass, 1 two or more."""
     return _calc_passes_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
 def round_calm_ends(
     values: Iterable[float], step: float = 50.0, least: float = 100.0
 ) -> tuple[float, float]:
-    """Round ends of a scale that contains all values and does not move with every sample.
+    """Returns round ends of a scale that contains all values and does not change with every sample.
 
-    Ends are multiples of `step`, `least` apart or more; below `least` the scale begins at 0; no
-    values: 0 ... least.
+    The ends are multiples of `step` and at least `least` apart. Below `least` the scale begins at
+    0; without values it is 0 ... `least`.
     """
     values = list(values)
     if not values:

@@ -1,23 +1,24 @@
-"""How many threads may numeric libraries take for themselves? They read it when they are loaded:
-set it before."""
+"""How many threads may numeric libraries use? They read the limit when they are loaded, so it must
+be set before.
+"""
 
 from __future__ import annotations
 
 import os
 
-# Matrices here are small, and groups of channels are judged side by side: BLAS's own threads
-# only wait for each other (a diagnosis of 24,000 rows on two busy cores: 7.9 s of processor
-# with them, 3.0 without).
+# Matrices are small here, and groups of channels are judged in parallel, so BLAS's own threads only
+# wait for each other. A diagnosis of 24,000 rows on two busy cores takes 7.9 s of processor time
+# with them, 3.0 s without.
 MATRIX_VARIABLES = {
     name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 }
-# Next to a working machine a core stays for the loop.
+# On the computer of a working machine one core must stay free for the loop.
 ONE_THREAD_VARIABLES = MATRIX_VARIABLES | {
     name: "1" for name in ("NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
 }
 
 
 def limit_matrix_threads() -> None:
-    """Allow one thread for matrices in this process, unless the environment says otherwise."""
+    """Limits matrices to one thread in this process, unless the environment sets another number."""
     for name, count in MATRIX_VARIABLES.items():
         os.environ.setdefault(name, count)

@@ -1,10 +1,9 @@
-"""Compiles once on a computer what a first diagnosis would compile: `python -m
-console.warm_up`, after installing.
+"""How is the first diagnosis on a computer made fast? `python -m console.warm_up` after installing
+compiles in advance what that diagnosis would compile.
 
-`make test` does it; who added the extra diagnosis may. The machine model's steps are kept as
-machine code in the user's cache folder (`control.machine.compiled`), Python's modules next to
-their sources. Nothing depends on it: what is not there yet is compiled where it is first
-needed, and that diagnosis takes some seconds longer.
+`make test` does so, and users of the extra diagnosis may. The machine model's steps are stored as
+machine code in the user's cache folder (`control.machine.compiled`), Python's modules next to their
+sources. The step is optional: missing code is compiled at its first use, which takes some seconds.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ from topdress.drivers.files.extras import MissingExtra, require_extras
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 CONSOLE_COMMAND = (sys.executable, "-c", "from topdress.console.cli import main; main()")
-# A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so
-# that the searches for both are gone through.
+# The short run contains an effect that begins in mid-run and a term, so that the diagnosis runs the
+# searches for both.
 PLANTED_OPTIONS = (
     "--effect",
     "flow.gain=8@60",
     "--term",
     "flow_percent bend speed_mps bend=-4.4 at=1.2",
 )
-# as long as `simulate` asks of a run before it takes compiled steps
+# Shortest run for which `simulate` uses compiled steps, s.
 SIMULATED_S = 600
 
 
 def compile_packages() -> None:
-    """Compile all modules, and the machine model's steps by a short run and its diagnosis. Raises
-    OSError where there is no room, CalledProcessError where a command fails."""
+    """Compiles all modules, and the machine model's steps by a short run and its diagnosis. Raises
+    OSError on a full disk, CalledProcessError where a command fails."""
     for name in ("control", "drivers", "console"):
         compileall.compile_dir(str(PACKAGE_FOLDER / name), quiet=2)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
@@ -63,7 +62,7 @@ def compile_packages() -> None:
 
 
 def run_warm_up() -> int:
-    """Run as a command; returns the exit code."""
+    """Runs as a command and returns the exit code."""
     print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
     started_s = time.monotonic()
     try:

@@ -1,4 +1,6 @@
-"""Who listens where a run file says? Reads the greeting of a control worker, without its key."""
+"""Which program listens at the address in a run file? The greeting of a control worker is read
+without its key.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +13,18 @@ from typing import Any
 
 HOST = "127.0.0.1"
 GREETING = "topdress-worker/1"
-# a worker greets at once, and mends its run file within half of that
+# Time within which a worker must greet, s. It greets at once, and rewrites a wrong run file within
+# half of that time.
 GREETING_TIMEOUT_S = 0.5
-LINE_BYTES = 1 << 20  # longest frame accepted
+# Longest frame that is accepted, bytes.
+LINE_BYTES = 1 << 20
 
 
 def read_greeting(port: int, until_s: float) -> dict[str, Any] | None:
-    """The greeting of whoever listens at a port.
+    """Returns the greeting of the program that listens at a port.
 
-    Returns {} where nobody does or it is no greeting; None: accepted, and no whole line by
-    `until_s` (time.monotonic), however often a byte came.
+    Returns {} where no program listens or the line is no greeting. None means that the connection
+    was accepted, but no whole line arrived by `until_s` (time.monotonic), even if single bytes did.
     """
     heard = b""
     try:
@@ -42,11 +46,11 @@ def read_greeting(port: int, until_s: float) -> dict[str, Any] | None:
 
 
 def is_still_running(run_file: Path) -> bool:
-    """Whether the worker that a run file names, another than this process, greets there: it runs,
-    whatever became of its lock.
+    """Returns whether the worker that a run file names, another process than this, greets: it then
+    runs, even if its lock is lost.
 
-    A file that is missing or wrong, a port that is closed or another program's: no. Takes 0.5 s at
-    most.
+    A missing or wrong file, a closed port or another program's port mean False. Takes at most 0.5
+    s.
     """
     try:
         said = json.loads(run_file.read_bytes()[:LINE_BYTES])

@@ -1,34 +1,34 @@
-"""What the pages have done with files and long work: the services of `console.app.services` on
-real files.
+"""How are the services of the pages implemented on real files? This package implements
+`console.app.services`: files and long work.
 
 Files:
 
-- `calibrate`: What the Calibrate screen has computed and saved
-- `diagnosis`: Files and long work of the Diagnosis page
-- `diagnosis_job`: The Diagnosis page's heavy work as a process of its own
-- `diagnosis_view`: A diagnosis as the Diagnosis page has it
-- `driven_field`: A boundary that was driven as the field of a job
-- `field`: The picture of a frame's field for the maps
-- `fleet`: Thousands of logs on a Dask cluster, each diagnosed once
-- `fleet_job`: What a worker of the fleet does with one log
-- `fleet_metadata`: The list of logs that `--about` names
-- `fleet_season`: The records of a fleet put together
-- `fleet_tables`: A season as Parquet files for other programs
-- `foreign_files`: Files of other machines and programs
-- `job`: What the Job screen has done
-- `launcher`: How control workers are started from the console, and with which files
-- `layers`: Files of other days for the Map page
-- `line_files`: The A-B line and a boundary that is being driven
-- `live_check`: The live check as a process of its own
-- `live_checker`: The console's end of the live check
-- `logs`: The logs that the Replay page can open
-- `map_refused`: Why a file is not taken as a prescription, in the language of the screen
-- `recent`: What was worked lately, by the sidecars of its logs
-- `removable_media`: Where prescriptions lie: on sticks, among downloads, in the user's own folder
-- `replay_frames`: A run log as frames for the Replay screen
-- `rerun`: The control loop once more over the measurements of a log
-- `running_limits`: What a running machine goes by, as its log's sidecar has it
-- `separating_run`: The run that tells rivals apart
-- `settings`: The user's settings for the console
-- `sound`: Sounds of alarms: a command of the user's own, started and left to itself
+- `calibrate`: How does the Calibrate screen fit bench tables and save the result as a new machine
+- `diagnosis`: How does the Diagnosis page find its logs and run a diagnosis?
+- `diagnosis_job`: How does the slow work of the Diagnosis page run as a process of its own
+- `diagnosis_view`: How is a diagnosis prepared for the Diagnosis page?
+- `driven_field`: How does a driven boundary become the field of a job?
+- `field`: How is the field of a frame drawn on the maps?
+- `fleet`: How are thousands of logs diagnosed on a Dask cluster, each once?
+- `fleet_job`: How does a worker of the fleet diagnose one log?
+- `fleet_metadata`: Which row of the list that `--about` names belongs to which log
+- `fleet_season`: How are the records of a fleet combined?
+- `fleet_tables`: How is a season written as Parquet files for other programs?
+- `foreign_files`: Which files come from other machines and programs
+- `job`: How does the Job screen work with files?
+- `launcher`: How does the console start control workers, and with which files?
+- `layers`: How does the Map page show files of other days?
+- `line_files`: How are the A-B line and a boundary during its drive stored?
+- `live_check`: How does the live check run as a process of its own
+- `live_checker`: How does the console run the live check?
+- `logs`: Which logs can the Replay page open?
+- `map_refused`: Why is a file refused as a prescription?
+- `recent`: Which jobs were worked lately?
+- `removable_media`: Where are prescriptions?
+- `replay_frames`: How does a run log become frames for the Replay screen?
+- `rerun`: How is the control loop run again on the measurements of a log
+- `running_limits`: Which limits does a running machine use, and what happened earlier in its run?
+- `separating_run`: How is the run that separates rival causes driven on the simulated machine and
+- `settings`: How are the user's settings for the console stored?
+- `sound`: How do alarms sound? A command of the user is started and not waited for
 """

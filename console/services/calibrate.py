@@ -1,5 +1,6 @@
-"""What the Calibrate screen has computed and saved: fits of bench tables, new machine files in
-the user's folder."""
+"""How does the Calibrate screen fit bench tables and save the result as a new machine file in the
+user's folder?
+"""
 
 from __future__ import annotations
 
@@ -32,9 +33,10 @@ if TYPE_CHECKING:
     from topdress.control.calibration.wheel_fit import WheelFit
 
 CURVE_POINTS = 40
-# a bench table is small; larger CSV files are not offered
+# Largest CSV file that is offered, because bench tables are small, bytes.
 MOST_TABLE_BYTES = 1_000_000
-SAME_OPENING_MM = 0.5  # openings closer than this are one opening
+# Openings that differ by less count as equal.
+SAME_OPENING_MM = 0.5
 
 
 def make_calibrate_service(
@@ -43,13 +45,14 @@ def make_calibrate_service(
     folder: Path | None = None,
     tables: Sequence[Path] = (),
 ) -> CalibrateService:
-    """The calibrations of this machine.
+    """Returns the calibrations of this machine.
 
     Parameters
     ----------
-    wheel_circumference_m: by which a cab file counts the wheel; None: the machine's.
-    folder: where new machine files go; the run logs' folder is next to it.
-    tables: further folders in which lag tables are searched.
+    wheel_circumference_m : circumference by which a cab file counts the wheel; None means the
+    machine's.
+    folder : folder of new machine files; the folder of the run logs is next to it.
+    tables : further folders in which lag tables are searched.
     """
     place = folder or find_data_folder() / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
@@ -81,13 +84,9 @@ def make_calibrate_service(
     )
 
 
-# --- catch
-# --------------------------------------------------------------------------------------------------
-
-
 def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
-    """Flow per turn from weighed catches, with the line over opening (over shaft speed where only
-    that was changed)."""
+    """Returns the flow per turn from weighed catches, with the line over opening, or over shaft
+    speed where only that was changed."""
     from scipy.special import stdtrit
     from topdress.control.calibration.flow_fit import fit_flow
 
@@ -160,7 +159,7 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
 
 
 def make_catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
-    """The weighed catches as a bench table."""
+    """Returns the weighed catches as a bench table."""
     import numpy as np
     from topdress.control.calibration.bench_table import BenchTable
 
@@ -173,8 +172,8 @@ def make_catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
 
 
 def format_catch_csv(caught: Sequence[CatchPoint]) -> str:
-    """The text of a catch bench table: the product of shaft_rpm and duration_s is the counted
-    revolutions."""
+    """Returns the text of a catch bench table; the product of shaft_rpm and duration_s is the
+    counted revolutions."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("replicate", "shaft_rpm", "opening_mm", "duration_s", "mass_kg"))
@@ -191,12 +190,8 @@ def format_catch_csv(caught: Sequence[CatchPoint]) -> str:
     return text.getvalue()
 
 
-# --- lag
-# --------------------------------------------------------------------------------------------------
-
-
 def find_lag_tables(folders: Sequence[Path]) -> list[LagTable]:
-    """Lag tables in these folders, the newest first. Other files are passed over."""
+    """Returns the lag tables in these folders, the newest first. Other files are skipped."""
     found = []
     files = {
         path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")
@@ -217,7 +212,7 @@ def _read_header_line(path: Path) -> str:
 
 
 def open_lag_table(path: Path) -> LagTable:
-    """The lag table at a path. Raises ValueError in one line where it cannot be fitted."""
+    """Returns the lag table at a path. Raises ValueError in one line where it cannot be fitted."""
     from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(path, "lag")
@@ -230,7 +225,7 @@ def open_lag_table(path: Path) -> LagTable:
 
 
 def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
-    """The lag line of a table, with its points in and outside the range."""
+    """Returns the lag line of a table, with its points inside and outside of the range."""
     import numpy as np
     from scipy.special import stdtrit
     from topdress.control.calibration import lag_fit
@@ -251,7 +246,8 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
     if lags is None:
         speed = table.find_speed_mps()
-        assert speed is not None  # fit_lag refuses a lag_m table without speeds
+        # `fit_lag` refuses a table with lag_m but without speeds.
+        assert speed is not None
         lags = table.columns["lag_m"] / speed
     speeds = table.columns["shaft_rpm"]
     chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.find_running_rows()
@@ -288,15 +284,11 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     )
 
 
-# --- wheel
-# --------------------------------------------------------------------------------------------------
-
-
 def fit_wheel_drive(
     machine: Machine, counted_m: float, samples: Sequence[WheelSample]
 ) -> Calibrated:
-    """The circumference from a straight drive; counted_m: the circumference by which its wheel
-    speed was counted, m."""
+    """Returns the circumference from a straight drive; `counted_m` is the circumference by which
+    the wheel speed was computed, m."""
     _machine, fit = _fit_wheel_machine(machine, counted_m, samples)
     return Calibrated(
         "wheel",
@@ -320,12 +312,8 @@ def _fit_wheel_machine(
     )
 
 
-# --- effort
-# --------------------------------------------------------------------------------------------------
-
-
 def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
-    """The effort of the drives, from a run log as far as it is written; the fit is also what is
+    """Returns the effort of the drives, from a run log as far as it is written; the fit is also
     saved."""
     from topdress.control.diagnosis.runs import effort_reference
     from topdress.drivers.files.any_log import open_any_log
@@ -346,16 +334,12 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
     )
 
 
-# --- files
-# --------------------------------------------------------------------------------------------------
-
-
 def save_calibrated(
     machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float
 ) -> str:
-    """Write the new machine file, and next to it the table it comes from; returns its path.
+    """Writes the new machine file and the table of its measurements; returns its path.
 
-    Raises ValueError in one line where the name is taken, OSError where it cannot be written.
+    Raises ValueError in one line for a name that exists, OSError where the file cannot be written.
     """
     from topdress.control.calibration.flow_fit import fit_flow
     from topdress.control.calibration.lag_fit import fit_lag as fit_line

@@ -1,5 +1,6 @@
-"""Files and long work of the Diagnosis page: a folder of logs, and one process for each
-diagnosis."""
+"""How does the Diagnosis page find its logs and run a diagnosis? It lists folders of logs, and each
+diagnosis has its own process.
+"""
 
 from __future__ import annotations
 
@@ -48,15 +49,17 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
 MOST_FILES = 200
-DIAGNOSIS_EXTRA = "diagnosis"  # the extra
+# Name of the extra in pyproject.toml.
+DIAGNOSIS_EXTRA = "diagnosis"
 JOB_ARGUMENTS = ("-P", "-m", "topdress.console.services.diagnosis_job")
 
 
 class DiagnosisFiles:
     """Implements `console.app.pages.diagnosis.service.DiagnosisService` on real files.
 
-    folders: where logs and tables are searched. machine: of data that names none. effects: planted
-    in the simulated machine of this console; a separating run is driven on a machine that has them.
+    `folders` are searched for logs and tables. `machine` is the machine of data that name none.
+    `effects` are simulated in the machine of this console; a separating run is driven on a machine
+    with these effects.
     """
 
     def __init__(
@@ -72,12 +75,9 @@ class DiagnosisFiles:
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._made = 0
 
-    # --- files
-    # ----------------------------------------------------------------------------------------------
-
     def list_sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
-        """Logs and tables of the folders, the newest first; running_log: the log that is being
-        written."""
+        """Returns logs and tables of the folders, the newest first; `running_log` is the log that
+        is being written."""
         found: dict[Path, float] = {}
         for folder in self.folders:
             with contextlib.suppress(OSError):
@@ -95,7 +95,7 @@ class DiagnosisFiles:
         return tuple(listed)
 
     def find_source(self, path: str) -> DiagnosisSource:
-        """The log or table at a typed path. Raises ValueError."""
+        """Returns the log or table at a typed path. Raises ValueError."""
         if not path.strip():
             raise ValueError("no file is named")
         whole = Path(path.strip()).expanduser()
@@ -105,21 +105,18 @@ class DiagnosisFiles:
             raise ValueError(f"{whole}: {error.strerror or error}") from None
 
     def list_machines(self) -> tuple[str, ...]:
-        """Shipped machines by name, then adopted ones by path."""
+        """Returns shipped machines by name, then adopted machines by path."""
         from topdress.drivers.files.config import find_shipped_files
 
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
         return (*find_shipped_files("machines"), *adopted)
 
     def is_installed(self) -> bool:
-        """Whether the extra diagnosis is installed."""
+        """Returns whether the extra diagnosis is installed."""
         return is_extra_installed(DIAGNOSIS_EXTRA)
 
-    # --- long work
-    # ----------------------------------------------------------------------------------------------
-
     def install_extra(self, tell: TellProgress, stop: StopSignal) -> None:
-        """Install the extra diagnosis."""
+        """Installs the extra diagnosis."""
         command = [*find_installer(), *list_requirements(DIAGNOSIS_EXTRA)]
         tell(0.0, "installing")
         try:
@@ -146,7 +143,8 @@ class DiagnosisFiles:
     def run_diagnosis(
         self, source: DiagnosisSource, machine: str | None, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
-        """Diagnose a log or table on a machine (None: the one that the data names)."""
+        """Returns the diagnosis of a log or table on a machine (None: the machine that the data
+        name)."""
         return self._run_order(
             DiagnosisOrder(
                 source.path,
@@ -163,8 +161,8 @@ class DiagnosisFiles:
     def drive_separating_run(
         self, found: DiagnosisView, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
-        """Drive the run that separates the rivals on the simulated machine, and diagnose its
-        log."""
+        """Drives the run that separates the rival causes on the simulated machine, and returns the
+        diagnosis of its log."""
         if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_format_likeliest_cause(found),) if text)
@@ -185,7 +183,7 @@ class DiagnosisFiles:
     def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
     ) -> ComparedShown:
-        """Compare a machine file before and after its last change on a log."""
+        """Returns the errors of a machine file on a log before and after its last change."""
         order = DiagnosisOrder(
             source.path, str(self._make_job_folder()), "run", machine, self.machine, compare=True
         )
@@ -208,8 +206,8 @@ class DiagnosisFiles:
         return build_from_plain(DiagnosisView, plain)._replace(folder=order.folder)
 
     def _run_job_process(self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal) -> None:
-        """Do the work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one
-        line."""
+        """Carries out the order in a process of its own. Raises Stopped, OpenQuestions, and
+        ValueError of one line."""
         require_extras("a diagnosis", DIAGNOSIS_EXTRA)
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
@@ -258,11 +256,8 @@ class DiagnosisFiles:
         folder.mkdir()
         return folder
 
-    # --- what is kept
-    # --------------------------------------------------------------------------------------------
-
     def adopt_effects(self, found: DiagnosisView, chosen: Adoption) -> str:
-        """Write the machine file with the chosen effects; returns its path. Raises ValueError."""
+        """Writes the machine file with the chosen effects; returns its path. Raises ValueError."""
         if not found.adoptable:
             raise ValueError(
                 "nothing here can be adopted" + "".join(f"; {why}" for why in found.refused)
@@ -284,7 +279,7 @@ class DiagnosisFiles:
         )
 
     def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
-        """Lines on the last change of a machine file; none where there was none."""
+        """Returns lines on the last change of a machine file; none for an unchanged file."""
         from topdress.console.reports.term_words import compare_side_by_side
         from topdress.control.machine.history import find_last_change
 
@@ -296,7 +291,7 @@ class DiagnosisFiles:
         )
 
     def undo_last_change(self, machine: str | None) -> str:
-        """Write the machine file without its last change; returns its path."""
+        """Writes the machine file without its last change; returns its path."""
         from topdress.control.machine.history import undo_last_change
         from topdress.drivers.files.config import save_config
         from topdress.drivers.files.kinds import MACHINE
@@ -316,7 +311,7 @@ class DiagnosisFiles:
         return found
 
     def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
-        """Copy the report or the JSON result to the user's folder; returns its path."""
+        """Copies the report or the JSON result to the user's folder; returns its path."""
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
         stem = f"{Path(found.source).stem}-diagnosis"
         return _copy_to_folder(
@@ -324,7 +319,7 @@ class DiagnosisFiles:
         )
 
     def write_separating_job(self, found: DiagnosisView) -> str:
-        """Write the separating run as a job file; returns its path. Raises ValueError."""
+        """Writes the separating run as a job file; returns its path. Raises ValueError."""
         from topdress.console.services.separating_run import make_drive
         from topdress.drivers.files.config import load_config, save_config
         from topdress.drivers.files.kinds import JOB, MACHINE
@@ -352,8 +347,8 @@ class DiagnosisFiles:
 
 
 def _make_source(path: Path) -> DiagnosisSource:
-    """The source at a path. Raises OSError, and ValueError for a file that is no run log, no bench
-    table and nothing that import reads."""
+    """Returns the source at a path. Raises OSError, and ValueError for a file that is neither run
+    log, bench table nor importable."""
     status = path.stat()
     kind = _find_source_kind(path)
     if kind is None and is_importable(path):
@@ -369,12 +364,12 @@ def _make_source(path: Path) -> DiagnosisSource:
 
 
 def _find_source_kind(path: Path) -> str | None:
-    """Run, the kind of a bench table, or None: a file that the import may read."""
+    """Returns "run" or the kind of a bench table; None for a file that the import may read."""
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
     from topdress.drivers.files.imports.import_errors import TableError
 
-    # takes a second: only where there is such a file
+    # This import takes a second and is needed for few files.
     from topdress.drivers.files.opened import FileContent
 
     file = FileContent(path)
@@ -385,7 +380,8 @@ def _find_source_kind(path: Path) -> str | None:
 
 
 def _format_likeliest_cause(found: DiagnosisView) -> str:
-    """The likeliest doubtful cause at its size, where this console planted nothing of its own."""
+    """Returns the likeliest unconfirmed cause with its size; used where this console simulates no
+    effect of its own."""
     known = [cause for cause in found.found.causes if cause.size.value is not None]
     doubtful = [cause for cause in known if list_rivals(cause)] or known
     if not doubtful:
@@ -397,7 +393,7 @@ def _format_likeliest_cause(found: DiagnosisView) -> str:
 
 
 def _format_choice_comment(found: DiagnosisView, chosen: Adoption) -> str:
-    """The operator's choice as a comment of the file; empty where there was none."""
+    """Returns the operator's choice as a comment of the file; empty without a choice."""
     if not chosen.why:
         return ""
     groups = [

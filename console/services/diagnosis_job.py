@@ -1,10 +1,10 @@
-"""The Diagnosis page's heavy work as a process of its own: `python -m
-console.services.diagnosis_job FILE.json`.
+"""How does the slow work of the Diagnosis page run as a process of its own, `python -m
+console.services.diagnosis_job FILE.json`?
 
-The file says what is to be done (`Order` below). While it works it writes {"share": 0.3,
-"stage": "flow"} lines on stdout, and at last {"done": true}, {"error": "one line"} or
-{"questions": [...], "import_file": "path"}. In the folder then lie view.json, result.json,
-report.html, and a machine file for each choice of what is adopted. Ending the process cancels.
+The file describes the work (`DiagnosisOrder`). While working, the process writes lines {"share":
+0.3, "stage": "flow"} on stdout, and finally {"done": true}, {"error": "one line"} or {"questions":
+[...], "import_file": "path"}. The folder then contains view.json, result.json, report.html, and a
+machine file for each possible choice of effects to adopt. Ending the process cancels the work.
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ TellProgress = Callable[[float, str], None]
 
 VIEW, RESULT, REPORT = "view.json", "result.json", "report.html"
 RUN_LOG_NAME = "separating.csv"
-DRIVING_SHARE = 0.55  # share of the whole that simulating takes
-LEAST_SHARE_STEP = 0.004  # of the share, that is worth a line
-NICENESS = 10  # the control loop comes first
+# Share of the whole work that the simulation takes.
+DRIVING_SHARE = 0.55
+# Smallest change of the share that is reported.
+LEAST_SHARE_STEP = 0.004
+# Nice value of the process, because the control loop comes first.
+NICENESS = 10
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class DiagnosisOrder:
     """Describes the work of one process.
 
-    machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run
-    first and diagnose its log instead of `data`. planted: effects of the machine that drives it
-    (grammar of `simulate --effect`). logs: folder of the log that data of kind import becomes
-    first. compare: compare `machine` before and after its last change on the log.
+    `machine` None means the machine that the log names, else `default_machine`. `manoeuvre` is
+    driven first, and its log is diagnosed instead of `data`. `planted` are effects of the simulated
+    machine (grammar of `simulate --effect`). `logs` is the folder of the log that data of kind
+    import become first. `compare` compares `machine` before and after its last change on the log.
     """
 
     data: str
@@ -60,7 +63,7 @@ class DiagnosisOrder:
 
 
 def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
-    """Do the work of an order; raises ValueError, OSError or a ConfigError of one line."""
+    """Carries out the work of an order; raises ValueError, OSError or a ConfigError of one line."""
     if order.compare:
         compare_before_and_after(order, tell)
         return
@@ -87,8 +90,8 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
 
 
 def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
-    """Write the errors of a machine file on a log before and after its last change, in words and as
-    a page."""
+    """Writes the errors of a machine file on a log before and after its last change, in words and
+    as a page."""
     from topdress.console.reports.compare_page import list_plain_data, make_compare_page
     from topdress.control.diagnosis.runs.compared import compared
     from topdress.control.machine.history import undo_last_change
@@ -110,7 +113,7 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
 
 
 def find_order_machine(order: DiagnosisOrder) -> Machine:
-    """The machine with which the data is compared."""
+    """Returns the machine with which the data are compared."""
     from topdress.console.services.live_check import load_log_machine
 
     return load_log_machine(Path(order.data), order.machine, order.default_machine)
@@ -119,7 +122,7 @@ def find_order_machine(order: DiagnosisOrder) -> Machine:
 def drive_simulated_run(
     order: DiagnosisOrder, machine: Machine, out: Path, tell: TellProgress
 ) -> None:
-    """Drive the separating run on the simulated machine, as an ordinary run log."""
+    """Drives the separating run on the simulated machine, as an ordinary run log."""
     from topdress.console.services.separating_run import make_drive
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import (
@@ -162,7 +165,7 @@ def _diagnose_and_write(
     notes: tuple[str, ...],
     tell: TellProgress,
 ) -> None:
-    """Diagnose the data and write view, result and report. notes: of the import."""
+    """Diagnoses the data and writes view, result and report. `notes` are those of the import."""
     from topdress.console.app.pages.diagnosis.adoption import list_selections
     from topdress.console.services.diagnosis_view import calc_mean_target, make_diagnosis_view
     from topdress.drivers.files.atomic import write_atomically
@@ -208,7 +211,7 @@ def _diagnose_and_write(
 
 
 def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
-    """Write the page with pictures."""
+    """Writes the page with pictures."""
     from topdress.console.reports.diagnosis_html import make_diagnosis_page
     from topdress.drivers.files.atomic import write_atomically
 
@@ -219,8 +222,8 @@ def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
 def _write_adoption_offer(
     found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path
 ) -> AdoptionOffer:
-    """Write the machine file with the effects that may be adopted, for the page to put in its place
-    when the operator agrees; returns it with its changes, a line each."""
+    """Writes the machine file with the effects that may be adopted and returns it with its changes,
+    one line each. The page puts the file in its place when the operator agrees."""
     from topdress.console.reports.diagnosis_wording import format_whole_id
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.diagnosis.extend import extend
@@ -251,7 +254,8 @@ def _write_adoption_offer(
 
 
 def make_progress_teller() -> TellProgress:
-    """A function that prints progress lines on stdout, not more often than a person can see."""
+    """Returns a function that prints progress lines on stdout, not more often than a person can
+    see."""
     last = -1.0
 
     def tell_progress(share: float, stage: str) -> None:
@@ -269,7 +273,7 @@ def _print_json_line(what: dict[str, Any]) -> None:
 
 
 def run_job(path: str) -> int:
-    """Carry out the order in the file at `path`; returns the exit code."""
+    """Carries out the order in the file at `path`; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
     from topdress.drivers.files.plain import build_from_plain
 

@@ -1,5 +1,6 @@
-"""A diagnosis as the Diagnosis page has it: along with curves, errors after the causes, and
-what may be adopted."""
+"""How is a diagnosis prepared for the Diagnosis page? The view has curves, errors with the causes
+applied, and effects that may be adopted.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import CATALOGUE, Machine
 
-# as wide as a terminal draws them; a rate needs longer
+# Numbers of bins: 40 are as wide as a terminal draws curves; a rate needs longer bins.
 TIME_BINS, RATE_BINS = 40, 16
 
 
@@ -35,9 +36,9 @@ def make_diagnosis_view(
     mean_target_kg_ha: float | None,
     planted: tuple[str, ...] = (),
 ) -> DiagnosisView:
-    """The diagnosis as the page shows it.
+    """Returns the diagnosis as the page shows it.
 
-    tools: as for the report, {"columns", "machine"} or {"tables", "machine"}.
+    `tools` are those of the report: {"columns", "machine"} or {"tables", "machine"}.
     """
     found = dataclasses.replace(sort_headlines(found), seen_with=None)
     machine: Machine = tools["machine"]
@@ -120,8 +121,8 @@ def _make_axis_curve(
 def _make_time_curve(
     view: ChannelView, parts: tuple[EffectInstance, ...], onset_min: float | None
 ) -> ResidualCurve | None:
-    """Means over even bins of the log's time, in minutes; of one head alone where the heads
-    differ."""
+    """Returns means over equal bins of the log's time, in minutes; of one head alone where the
+    heads differ."""
     cell, middle = view.make_even_bins(
         view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS
     )
@@ -148,7 +149,7 @@ def _make_residual_curve(
     names: tuple[str, ...],
     onset: float | None = None,
 ) -> ResidualCurve | None:
-    """Errors before and after at the places that both have."""
+    """Returns errors before and after applying the cause, at the places that both have."""
     mine = {round(float(x), 9): float(y) for x, y in zip(before.at, before.mean, strict=True)}
     rows = [
         (float(x), mine[round(float(x), 9)], float(y), float(h))
@@ -163,8 +164,8 @@ def _make_residual_curve(
 
 
 def _make_table_curve(cause: Cause, tables: Sequence[MeasuredColumn]) -> ResidualCurve | None:
-    """A bench table's errors along its main variable: means at each value, the spread of a mean as
-    half width."""
+    """Returns a bench table's errors along its main variable: means at each value, with the
+    standard error as half width."""
     stage = CATALOGUE[cause.id].stage
     usable = [table for table in tables if table.main and np.any(table.extended != table.nominal)]
     usable.sort(key=lambda table: table.channel != stage)
@@ -193,7 +194,8 @@ def _make_table_curve(cause: Cause, tables: Sequence[MeasuredColumn]) -> Residua
 
 
 def calc_mean_target(columns: Mapping[str, Any]) -> float | None:
-    """Mean of the wanted rate while it was above zero, kg/ha; None where the log has none."""
+    """Returns the mean of the target rate while it was above zero, kg/ha; None for a log without a
+    target."""
     wanted = columns.get("target_rate_kg_ha")
     if wanted is None:
         return None

@@ -1,5 +1,6 @@
-"""A boundary that was driven as the field of a job: on the job's plane, without the corners
-that say nothing."""
+"""How does a driven boundary become the field of a job? It is placed on the job's plane and
+simplified.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +9,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from topdress.control.field.job import Ground
 
-# corners nearer than this to the straight line between their neighbours are left out
+# Distance of a corner to the straight line between its neighbours below which it is removed, m.
 LEAST_CORNER_M = 0.1
-# from the job's origin; a field that lies farther off has a plane of its own
+# Distance from the job's origin beyond which a field gets a plane of its own, m.
 SAME_PLANE_M = 20_000.0
 
 
 def make_driven_field(
     ground: Ground, ring_deg: tuple[tuple[float, float], ...]
 ) -> tuple[Ground, float]:
-    """The job's field with this edge, and its area, ha.
+    """Returns the job's field with this edge, and its area, ha.
 
-    ring_deg: (lat, lon), not closed. Raises ValueError in one line: too few corners, edges that
-    cross.
+    `ring_deg` is (lat, lon), not closed. Raises ValueError in one line for too few corners or
+    crossing edges.
     """
     from shapely.geometry import Polygon
     from topdress.control.field.boundary import Boundary, find_largest_part
@@ -32,7 +33,7 @@ def make_driven_field(
     if calc_ellipsoid_distance_m(*origin, *ring_deg[0]) > SAME_PLANE_M:
         origin = ring_deg[0]
     plane = TangentPlane(*origin)
-    # where the end was driven over the beginning: what is enclosed counts
+    # Where the end of the drive crosses its beginning, the enclosed area counts.
     thinned = find_largest_part(
         Polygon([plane.project_to_m(lat, lon) for lat, lon in ring_deg])
     ).simplify(LEAST_CORNER_M)

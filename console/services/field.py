@@ -1,5 +1,6 @@
-"""The picture of a frame's field for the maps: outline and planned rates, from what stands next
-to its run log."""
+"""How is the field of a frame drawn on the maps? Outline and planned rates come from the files next
+to its run log.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
 
 MOST_CELLS = 250_000
 FINEST_CELL_M = 1.0
-_SLICE_CELLS = 20_000  # cells asked at once
+# Number of cells that are sampled at once.
+_SLICE_CELLS = 20_000
 
 
 def make_field_picture(frame: Frame) -> FieldPicture | None:
-    """The picture of the job in the frame's log; None where the log does not name its job.
+    """Returns the picture of the job in the frame's log; None where the log does not name its job.
 
     Raises ValueError, one line, where the job's files cannot be read.
     """
@@ -60,8 +62,8 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
 
 
 def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked, where it was its map's: a job without an
-    outline, with a map that can still be read; log_folder: the log's folder."""
+    """Returns the plane of a job without an outline, which is its map's plane; None for other jobs.
+    `log_folder` is the folder of the log."""
     from topdress.drivers.files.kinds import JOB
     from topdress.drivers.files.prescriptions.for_job import read_job_map
 
@@ -78,8 +80,8 @@ def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 
 
 def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked: its field's, else its map's; None: that of the
-    first fix."""
+    """Returns the plane on which the loop of a log worked: its field's, else its map's; None for
+    the plane of the first fix."""
     from topdress.control.field.job import Ground
     from topdress.control.geodesy import TangentPlane
 
@@ -91,7 +93,7 @@ def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 
 
 def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
-    """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
+    """Returns outline and plan of a job whose files are in `folder`. Raises ValueError, OSError."""
     from topdress.control.field.boundary import Boundary
     from topdress.drivers.files.prescriptions.for_job import read_job_map
 
@@ -107,8 +109,8 @@ def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
 
 
 def find_job_folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
-    """Where map and plants of a recorded job are searched: next to the log where they lie there,
-    else next to the job file of the run."""
+    """Returns the folder of a recorded job's map and plants: the folder of the log if they are in
+    it, else the folder of the run's job file."""
     names = job.named_files
     written = meta.extra.get("job_folder")
     if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
@@ -119,8 +121,8 @@ def find_job_folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
 def _sample_planned_rates(
     job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]
 ) -> PlannedRates:
-    """The map sampled in the middles of square cells, no more than MOST_CELLS; NaN outside the
-    field."""
+    """Returns the map sampled at the centres of square cells, at most MOST_CELLS; NaN outside of
+    the field."""
     from topdress.control.field.boundary import Boundary
     from topdress.control.orders import TargetSource
     from topdress.drivers.files.prescriptions.read import read_prescription

@@ -1,9 +1,9 @@
-"""Thousands of logs on a Dask cluster, each diagnosed once: what is done stays, whatever ends.
+"""How are thousands of logs diagnosed on a Dask cluster, each once? Finished results are kept, even
+if a process ends.
 
-In the output folder: `logs/CHECKSUM.json` a log's record by the checksum of its bytes,
-`seen.json` which file had which checksum when it was last looked at. A second run diagnoses
-only what is new. Records come back over the cluster and are written here: workers need no
-folder in common, but the logs.
+The output folder contains `logs/CHECKSUM.json`, a log's record by the checksum of its bytes, and
+`seen.json`, the last known checksum of each file. A second run diagnoses only new logs. Records are
+returned over the cluster and written here, so workers need access only to the logs.
 """
 
 from __future__ import annotations
@@ -40,53 +40,56 @@ from topdress.drivers.files.extras import require_extras
 LOGS, SEEN = "logs", "seen.json"
 LOG_SUFFIXES = (".csv", ".parquet", ".pq")
 SKIPPED_SUFFIXES = (".truth.csv",)
-# tasks in the cluster for each of its threads: few, so that cancelling is quick
+# Number of tasks in the cluster for each of its threads: few, so that cancelling is quick.
 TASKS_PER_THREAD = 4
-# checksums in a task: of a short log one takes less than the task
+# Number of checksums in a task, because the checksum of a short log takes less time than a task.
 CHECKSUMS_PER_TASK = 16
-WORKER_MEMORY = "2GB"  # of a local worker
-# Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array
-# above 128 kB anew, which takes half of a diagnosis (mallopt(3): "dynamic mmap threshold").
-# None: as it was set outside, else glibc's own.
+# Memory limit of a local worker.
+WORKER_MEMORY = "2GB"
+# Dask returns memory at every 64 kB that are free. glibc then maps and unmaps each array above 128
+# kB anew, which takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None keeps the
+# setting from outside, else glibc's own.
 DASK_SETTINGS: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    # nobody asks them
+    # The HTTP pages of the scheduler are not used.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-# folders of which every worker reads a log's first bytes
+# Number of folders of which every worker reads a log's first bytes.
 MOST_PROBED_FOLDERS = 100
-# how long a scheduler, and the first of its workers, are waited for
+# Time-outs for a scheduler, and for the first of its workers, s.
 CONNECT_S, JOIN_S = 10.0, 30.0
-WATCH_PERIOD_S = 2.0  # how often it is looked whether a worker is left
+# Interval at which the number of workers is checked, s.
+WATCH_PERIOD_S = 2.0
 
 SCHEDULER_GONE = "the scheduler is gone: what is done is kept; the same command goes on"
 NO_WORKER_LEFT = "no worker is left: what is done is kept; the same command goes on"
-# loggers: they tell in traces what is reported here in a line
+# These loggers print tracebacks of faults that are reported here in one line.
 NOISY_LOGGERS = ("distributed", "tornado", "asyncio")
 
-TellFleet = Callable[[int, int, str], None]  # done, of how many, what
+# Arguments: finished logs, number of logs, description.
+TellFleet = Callable[[int, int, str], None]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class FleetFindings:
-    """Holds records by path, errors by path, how many were known before, and how many have the same
-    bytes as others."""
+    """Holds records by path, errors by path, the number of records known before, and the number of
+    logs with the same bytes as others."""
 
     records: tuple[Mapping[str, Any], ...]
     broken: tuple[tuple[str, str], ...]
     known: int
     twins: int
-    # a line for each worker that does not see the logs: it was left out
+    # A line for each worker that cannot read the logs and was excluded.
     blind: tuple[str, ...] = ()
-    # A line for each worker that ended while it worked.
+    # A line for each worker that ended during the work.
     gone: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class FleetRequest:
-    """Describes the work on every log. options: of fsspec, for URLs; retry: logs that could not be
-    read are tried again."""
+    """Describes the work on every log. `options` are those of fsspec, for URLs; `retry` tries
+    unreadable logs again."""
 
     machine: Mapping[str, Any]
     salt: str
@@ -98,12 +101,12 @@ class FleetRequest:
 def open_cluster(
     scheduler: str | None, workers: int, connect_s: float = CONNECT_S
 ) -> Iterator[Any]:
-    """Open a Dask client: of the scheduler at an address, else of workers on this computer. Raises
+    """Opens a Dask client: of the scheduler at an address, else of workers on this computer. Raises
     MissingExtra, OSError.
 
-    Whoever reaches a Dask scheduler runs code as its user. So our own takes only clients with a
-    certificate of an authority that was made for this run; files of its workers lie in a folder of
-    this user's.
+    Every client of a Dask scheduler can run code as its user. Therefore the local scheduler accepts
+    only clients with a certificate of an authority that was made for this run, and files of its
+    workers are in a folder of this user.
     """
     require_extras("a fleet", "fleet", "diagnosis")
     import dask
@@ -138,7 +141,7 @@ def open_cluster(
 
 @contextlib.contextmanager
 def _ignore_interrupts() -> Iterator[None]:
-    """Keep Ctrl-C from processes that begin here: this process ends them, without a trace from
+    """Keeps Ctrl-C from processes that begin here; this process ends them, without a traceback from
     each."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -152,11 +155,11 @@ def _ignore_interrupts() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[Any]:
-    """Open a client of a running scheduler, with workers that can do the work. Raises OSError, in
+    """Opens a client of a running scheduler, with workers that can do the work. Raises OSError, in
     one line."""
     try:
         client = make(scheduler, set_as_default=False, timeout=connect_s)
-    # of an address that it does not know Dask has many words
+    # For an unknown address Dask raises many kinds of errors.
     except Exception as error:
         why = (str(error).splitlines() or ["nobody answers"])[0]
         raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
@@ -177,8 +180,8 @@ def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> 
 
 
 def _read_record_formats(client: Any) -> dict[str, Any]:
-    """By scheduler and worker the format of records that its topdress makes; the exception where it
-    has none."""
+    """Returns, by scheduler and worker, the format of records that its topdress makes; the
+    exception where it has none."""
     asked = (pkgutil.resolve_name, f"{make_record.__module__}:FORMAT")
     answers = {
         f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()
@@ -190,7 +193,7 @@ def _read_record_formats(client: Any) -> dict[str, Any]:
 
 
 def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
-    """One line for each worker that has no topdress, or one that makes other records."""
+    """Returns one line for each worker without topdress, or with another format of records."""
     for who, said in formats.items():
         if isinstance(said, BaseException):
             yield (
@@ -202,9 +205,9 @@ def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
 
 
 def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
-    """One line for each reason that makes a scheduler or worker unable to work with this program.
+    """Returns one line for each reason why a scheduler or worker cannot work with this program.
 
-    versions: as Dask gives them.
+    `versions` are those of Dask's own report.
     """
     here = versions["client"]
     others = {
@@ -231,11 +234,11 @@ def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
 
 
 def find_logs(paths: Sequence[str], out: Path, options: StoreOptions | None = None) -> list[str]:
-    """Files, the logs in folders at any depth, and those that stars and fsspec URLs stand for; each
-    once, in order.
+    """Returns files, the logs in folders at any depth, and the logs of patterns and fsspec URLs;
+    each once, in order.
 
-    Of the files in `out` only those that were named themselves: they are refused before they are
-    overwritten. Raises OSError for a path that is not there.
+    Of the files in `out` only those named explicitly are included, so that they are refused before
+    they are overwritten. Raises OSError for a missing path.
     """
     found: list[str] = []
     for where in paths:
@@ -297,12 +300,12 @@ def diagnose_fleet(
     tell: TellFleet,
     record: Callable[..., dict[str, Any]] = make_record,
 ) -> FleetFindings:
-    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: finished records
-    are kept.
+    """Returns every log's record, as `record` makes it. KeyboardInterrupt passes through: finished
+    records are kept.
 
-    Only workers that see the logs are asked. A fault that is not the log's own is tried once more
-    when all else is done, and is never kept: the next run tries again. Raises OSError where no
-    worker sees the logs.
+    Only workers that can read the logs get tasks. A fault that is not the log's own is tried once
+    more at the end, and is never kept, so that the next run tries again. Raises OSError where no
+    worker can read the logs.
     """
     (out / LOGS).mkdir(parents=True, exist_ok=True)
     seen = _read_seen_files(out)
@@ -369,7 +372,7 @@ def diagnose_fleet(
                 },
             )
         ):
-            # what no worker survived, or was not the log's own fault
+            # These logs crashed every worker, or failed for a reason outside of the log.
             if why:
                 errors[path] = why
             elif "://" not in path and _find_file_state(path) != found[path][0]:
@@ -377,7 +380,7 @@ def diagnose_fleet(
                 seen.pop(path, None)
             else:
                 text = json.dumps({**made, "path": path})
-                # what a power loss takes is made anew
+                # A record that a power loss destroys is made again.
                 write_atomically(_make_record_path(out, todo[path]), text, kept=False)
                 kept[todo[path]] = read_record(text)
             tell(known + number + 1, len(first), "diagnosing")
@@ -401,13 +404,14 @@ def diagnose_fleet(
 
 
 def _make_absolute(path: str) -> str:
-    """A path that means the same in every folder; a worker's is not this one's."""
+    """Returns a path that does not depend on the working folder, because a worker's folder
+    differs."""
     return path if "://" in path else str(Path(path).absolute())
 
 
 def _find_blind_workers(client: Any, paths: Sequence[str], options: StoreOptions) -> dict[str, str]:
-    """Workers that do not read the first bytes of a log of every folder as they are read here, and
-    why.
+    """Returns the workers that do not read the same first bytes of a log of every folder, with the
+    reason.
 
     Raises OSError where none does.
     """
@@ -415,13 +419,14 @@ def _find_blind_workers(client: Any, paths: Sequence[str], options: StoreOptions
     blind: dict[str, str] = {}
     for path in list(one_of_each.values())[:MOST_PROBED_FOLDERS]:
         here = hash_first_bytes(_make_absolute(path), options)
-        if here[1]:  # gone, or broken: it is listed as such
+        # The log is missing or broken, and is listed as such.
+        if here[1]:
             continue
         for who, said in client.run(
             hash_first_bytes, _make_absolute(path), options, on_error="return"
         ).items():
             if said != here:
-                # else the worker's own error
+                # Otherwise the result is the worker's own error.
                 why = said[1] if isinstance(said, tuple) else str(said)
                 blind.setdefault(f"worker {who}", why or f"{path} holds other bytes there")
     if blind and len(blind) >= len(client.nthreads()):
@@ -434,7 +439,7 @@ def _find_blind_workers(client: Any, paths: Sequence[str], options: StoreOptions
 
 
 def _read_kept_record(out: Path, key: str) -> dict[str, Any] | None:
-    """A record of an earlier run; None where there is none that can be read."""
+    """Returns a record of an earlier run; None for a missing or unreadable record."""
     try:
         made = read_record(_make_record_path(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -443,8 +448,8 @@ def _read_kept_record(out: Path, key: str) -> dict[str, Any] | None:
 
 
 class _FleetTasks:
-    """Submits tasks to the workers that see the logs: to all, also those that come later, where
-    each sees them."""
+    """Submits tasks to the workers that can read the logs. If all can, workers that join later get
+    tasks too."""
 
     def __init__(
         self,
@@ -456,7 +461,7 @@ class _FleetTasks:
         self._client, self._join_s, self._look_s = client, join_s, look_s
         threads = client.nthreads()
         self._there = set(threads)
-        # Addresses of the workers that ended while they were wanted.
+        # Addresses of the workers that ended while tasks remained.
         self.gone: list[str] = []
         self._room = max(1, TASKS_PER_THREAD * sum(threads.get(who, 1) for who in workers))
         self._where: dict[str, Any] = (
@@ -466,8 +471,8 @@ class _FleetTasks:
     def run_with_retry(
         self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
     ) -> Iterator[tuple[str, Any, str]]:
-        """Run as `run_once`; a task that failed for no fault of its log is done again, by itself,
-        when all else is done."""
+        """Runs as `run_once`; a task that failed for a reason outside of its log is repeated alone
+        at the end."""
         again: dict[str, tuple[Any, ...]] = {}
         for path, made, why in self.run_once(work, todo, together):
             if why:
@@ -479,10 +484,10 @@ class _FleetTasks:
     def run_once(
         self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
     ) -> Iterator[tuple[str, Any, str]]:
-        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another
-        does the tasks.
+        """Yields (path, result, "") or (path, None, reason) as tasks finish; tasks of a crashed
+        worker go to another.
 
-        together: how many a task does, where each worker has some.
+        `together` is the number of logs in a task, where each worker has several.
         """
         from distributed import as_completed
         from distributed.comm.core import CommClosedError
@@ -511,7 +516,7 @@ class _FleetTasks:
                 if any(future.status == "cancelled" for future in futures):
                     raise OSError(NO_WORKER_LEFT if alone.is_set() else SCHEDULER_GONE)
                 whole = [future for future in futures if future.status == "finished"]
-                # what is ready, at one time
+                # All finished results are fetched at once.
                 results = dict(zip(whole, self._client.gather(whole), strict=True))
                 for future in futures:
                     paths = running.pop(future)
@@ -532,11 +537,11 @@ class _FleetTasks:
     def _watch_workers(
         self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event
     ) -> None:
-        """Note workers that end. Where no worker is left, and none comes for as long as the first
-        was waited for, nobody would ever do the work: it is cancelled."""
+        """Records workers that end. If no worker remains and none joins within the time-out of the
+        first worker, the tasks are cancelled, because they would never run."""
         missed = 0.0
         while not over.wait(self._look_s):
-            # that a scheduler is gone shows in its tasks
+            # A lost scheduler shows in its tasks.
             with contextlib.suppress(Exception):
                 there = set(self._client.nthreads())
                 self.gone += sorted(self._there - there)
@@ -568,8 +573,8 @@ def _write_seen_files(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
 def _find_file_states(
     paths: Sequence[str], options: StoreOptions
 ) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """By path a state that changes with the file, without reading it, "" where that is not known;
-    and of a URL the files next to it, by one listing of each folder."""
+    """Returns by path a state that changes with the file, without reading the file, "" where
+    unknown; and for a URL its companion files, by one listing of each folder."""
     states, folders = dict[str, tuple[str, tuple[str, ...]]](), dict[str, dict[str, Any]]()
     for path in paths:
         if "://" not in path:
@@ -581,7 +586,7 @@ def _find_file_states(
         folder = f"{name.rpartition('/')[0]}/"
         if folder not in folders:
             folders[folder] = {}
-            # a store that shows no folder, in any of its own errors
+            # Stores that list no folder raise errors of their own kinds.
             with contextlib.suppress(Exception):
                 folders[folder] = {one["name"]: one for one in system.ls(folder, detail=True)}
         there = folders[folder]

@@ -1,5 +1,6 @@
-"""What a worker of the fleet does with one log: bytes in, one plain record out. Knows nothing
-of Dask."""
+"""How does a worker of the fleet diagnose one log? Bytes enter, one plain record leaves; the module
+does not use Dask.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +23,16 @@ if TYPE_CHECKING:
 FORMAT = "topdress-fleet-log/3"
 BLOCK_BYTES = 1 << 20
 FIRST_BYTES = 4096
-# of a log: what is shorter shows no level of a hopper and no course
+# Shortest log, s; a shorter log shows neither a hopper level nor a trend.
 LEAST_LOG_S = 20.0
 SHARED_WORDS = ("product", "operator", "field")
-StoreOptions = Mapping[str, str]  # of fsspec, for logs at URLs
+# Options of fsspec, for logs at URLs.
+StoreOptions = Mapping[str, str]
 
 
 def hash_first_bytes(where: str, options: StoreOptions) -> tuple[str, str]:
-    """SHA-256 of a log's first bytes, and why they cannot be read; one of the two is empty."""
+    """Returns the SHA-256 of a log's first bytes, and the reason why they cannot be read; one of
+    the two is empty."""
     try:
         if "://" in where:
             import fsspec
@@ -38,20 +41,22 @@ def hash_first_bytes(where: str, options: StoreOptions) -> tuple[str, str]:
                 return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
         with Path(where).open("rb") as opened:
             return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
-    except Exception as error:  # a store's own error of any kind
+    # Stores raise errors of any kind.
+    except Exception as error:
         return "", read_first_line(error)
 
 
 def run_each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
-    """The result for each, and why there is none: the exception, or that the worker and not the log
-    was at fault."""
+    """Returns the result for each log, and the reason without a result: the exception, or a fault
+    of the worker."""
     return [_run_guarded(work, arguments) for arguments in of]
 
 
 def _run_guarded(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str]:
     try:
         made = work(*arguments)
-    except Exception as error:  # one log of thousands never stops the rest
+    # One log of thousands must not stop the others.
+    except Exception as error:
         return None, read_first_line(error)
     if isinstance(made, dict) and "error" in made and not made.get("lasting", True):
         return None, str(made["error"])
@@ -59,11 +64,11 @@ def _run_guarded(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[
 
 
 def calc_checksum(where: str, options: StoreOptions, salt: str, sides: Sequence[str] = ()) -> str:
-    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of all else that decides its
-    record. sides: as `open_local_copy` takes them.
+    """Returns the SHA-256 of a log's bytes, its sidecar, its import file, and everything else that
+    determines its record. `sides` is as in `open_local_copy`.
 
-    Raises OSError; also where there is no such file: all that a worker does not see would have one
-    checksum.
+    Raises OSError, also for a missing file, because all files that a worker cannot read would
+    otherwise share one checksum.
     """
     from topdress.drivers.files.any_log import find_import_file
 
@@ -86,12 +91,12 @@ def calc_checksum(where: str, options: StoreOptions, salt: str, sides: Sequence[
 def make_record(
     where: str, options: StoreOptions, machine: Mapping[str, Any], sides: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """The record of one log, of plain values. machine: for logs that name none. sides: as
-    `open_local_copy` takes them.
+    """Returns the record of one log, of plain values. `machine` is used for logs that name none;
+    `sides` is as in `open_local_copy`.
 
-    A fault of a log is a record too: {"error": one line, "lasting": whether it is the log's own
-    fault}. What a reader refuses is the log's; a missing file, no memory, a package that is missing
-    are the worker's.
+    A fault of a log is a record too: {"error": one line, "lasting": whether the log itself is at
+    fault}. An error of a reader belongs to the log; a missing file, lack of memory or a missing
+    package belong to the worker.
     """
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.config import ConfigError
@@ -109,7 +114,8 @@ def make_record(
             }
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
-    except Exception as error:  # one log of thousands never stops the rest
+    # One log of thousands must not stop the others.
+    except Exception as error:
         return {
             "format": FORMAT,
             "path": where,
@@ -119,8 +125,8 @@ def make_record(
 
 
 def read_record(text: str) -> Any:
-    """A record from its file, in a third of the memory: forms as arrays, a word that all records
-    share once for all.
+    """Returns a record from its file with a third of the memory: sequences become arrays, and equal
+    words share one object.
 
     Raises ValueError for text that is no JSON.
     """
@@ -144,7 +150,7 @@ def read_record(text: str) -> Any:
 
 
 def read_first_line(error: Exception) -> str:
-    """First line of an exception's message, else its class."""
+    """Returns the first line of an exception's message, else its class."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -198,7 +204,8 @@ def _diagnose_log(
 
 
 def _hash_measurements(log: RunLog) -> str:
-    """SHA-256 of the measured columns: the same run as text and as Parquet is one log."""
+    """Returns the SHA-256 of the measured columns, so that the same run as text and as Parquet is
+    one log."""
     import numpy as np
 
     digest = hashlib.sha256()
@@ -212,7 +219,7 @@ def _hash_measurements(log: RunLog) -> str:
 
 
 def _read_sidecar_word(log: RunLog, name: str) -> str:
-    """The value of a name in the log's sidecar."""
+    """Returns the value of a name in the log's sidecar."""
     said = "" if log.meta is None else log.meta.extra.get(name)
     if not said and name == "field" and log.meta is not None and log.meta.job is not None:
         said = (log.meta.job.get("field") or {}).get("title")
@@ -220,14 +227,14 @@ def _read_sidecar_word(log: RunLog, name: str) -> str:
 
 
 def _find_folder_name(where: str) -> str:
-    """The name of the folder in which it lies: the machine of a log that names none."""
+    """Returns the name of the log's folder, which is the machine of a log that names none."""
     parts = where.replace("\\", "/").rstrip("/").split("/")
     return parts[-2] if len(parts) > 1 else ""
 
 
 def _find_log_time(log: RunLog, path: Path, where: str, options: StoreOptions) -> dict[str, Any]:
-    """When the log began, in days since 1970, and the source: its sidecar, its first fix, else its
-    file: the one in the store; our copy where a store has no times."""
+    """Returns the begin of the log, in days since 1970, and its source: the sidecar, the first fix,
+    else the file in the store, or the local copy where a store has no times."""
     first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
     for whence, said in (
         ("sidecar", None if log.meta is None else log.meta.started_utc),
@@ -247,17 +254,16 @@ def _find_log_time(log: RunLog, path: Path, where: str, options: StoreOptions) -
 
 
 def find_epoch_days(said: str) -> float:
-    """Days since 1970 of an ISO 8601 time, UTC where it has no zone. Raises ValueError."""
+    """Returns days since 1970 of an ISO 8601 time, UTC where it has no zone. Raises ValueError."""
     moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
     return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp() / 86_400.0
 
 
 @contextlib.contextmanager
 def open_local_copy(where: str, options: StoreOptions, sides: Sequence[str] = ()) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, with its side files next to it.
+    """Yields the file at a path or fsspec URL as a local file, with its companion files next to it.
 
-    sides: of a URL, the places in the store of the sidecar and import files that are there. Raises
-    OSError.
+    `sides` are the places of the sidecar and import files of a URL in the store. Raises OSError.
     """
     if "://" not in where:
         yield Path(where)
@@ -272,8 +278,8 @@ def open_local_copy(where: str, options: StoreOptions, sides: Sequence[str] = ()
 
 
 def list_side_urls(path: str) -> tuple[str, ...]:
-    """Places of a log's sidecar and import files. Of http a path is the whole URL: as a file's path
-    it would lose a stroke."""
+    """Returns the places of a log's sidecar and import files. An http path is the whole URL,
+    because pathlib would remove a slash."""
     from topdress.drivers.files.any_log import FOLDER_IMPORT_FILE, OWN_IMPORT_SUFFIX
 
     folder, stroke, name = path.rpartition("/")

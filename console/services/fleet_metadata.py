@@ -1,4 +1,6 @@
-"""The list of logs that `--about` names: which row is of which log, and what it says of it."""
+"""Which row of the list that `--about` names belongs to which log, and which values does it
+contain?
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,8 @@ LIST_COLUMNS = ("log", "unit", *SHARED_WORDS, "time")
 
 
 class ListedLogs(NamedTuple):
-    """Holds the rows of the list by log. of: by log, the values of its row. unused: a line for each
-    row that belongs to no log, and why. silent: number of logs without a row."""
+    """Holds the rows of the list by log. `of` has the values of each log's row, `unused` a line for
+    each row without a log, with the reason, and `silent` the number of logs without a row."""
 
     of: Mapping[str, Mapping[str, str]]
     unused: tuple[str, ...]
@@ -21,11 +23,11 @@ class ListedLogs(NamedTuple):
 
 
 def match_rows(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> ListedLogs:
-    """The log of each row: the log whose path ends, folder by folder, as the row says; or, of a
-    path that was written on another computer, that ends as the log's path as it was given. One log
-    only: a row that fits several belongs to none.
+    """Returns the log of each row: the log whose path ends with the row's path, folder by folder.
 
-    rows: of LIST_COLUMNS. Raises ValueError for a wrong time.
+    A path that was written on another computer matches by the end of the log's given path. A row
+    that matches several logs belongs to none. `rows` have the columns of LIST_COLUMNS. Raises
+    ValueError for a wrong time.
     """
     parts = {log: _split_path(log) for log in logs}
     ends = Counter("/".join(one[k:]) for one in parts.values() for k in range(len(one)))
@@ -66,7 +68,7 @@ def _split_path(path: str) -> list[str]:
 
 
 def apply_list_row(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
-    """A log's record with the values of its row in place of its sidecar's."""
+    """Returns a log's record with the values of its row in place of its sidecar's."""
     time = {"time_d": find_epoch_days(row["time"]), "time_from": "list"} if row.get("time") else {}
     return {
         **record,

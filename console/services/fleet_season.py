@@ -1,4 +1,6 @@
-"""The records of a fleet put together: courses, what is shared, what it cost."""
+"""How are the records of a fleet combined? A season has time courses of the effects, effects that
+machines share, and costs.
+"""
 
 from __future__ import annotations
 
@@ -18,23 +20,24 @@ from topdress.control.diagnosis.season.season_cost import (
 )
 from topdress.drivers import day_clock
 
-# days since 1970: 2000-01-01; how far ahead of here a clock may be
+# Earliest plausible begin, 2000-01-01 in days since 1970, and the time by which a log's clock may
+# be ahead of this one, days.
 FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0
 
 
 class MistimedLog(NamedTuple):
-    """Names a log whose clock cannot be right: it is diagnosed, and left out of the courses and
-    sums."""
+    """Names a log whose clock is certainly wrong; it is diagnosed, but excluded from time courses
+    and sums."""
 
     path: str
     date: str
 
 
 class Season(NamedTuple):
-    """Holds the records of a fleet put together.
+    """Holds the combined records of a fleet.
 
-    units: of effects. broken: path and why. by_file_date: logs that have no time but that of their
-    file.
+    `units` are units of effects. `broken` has path and reason. `by_file_date` counts the logs whose
+    only time is that of their file.
     """
 
     machines: tuple[MachineSeason, ...]
@@ -50,9 +53,9 @@ class Season(NamedTuple):
 def make_season(
     records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float
 ) -> Season:
-    """The season of a fleet.
+    """Returns the season of a fleet.
 
-    records: as `fleet_job.read_record` reads them, with their key. now_d: days since 1970.
+    `records` are those of `fleet_job.read_record`, with their key. `now_d` is in days since 1970.
     """
     timely, aside = list[Mapping[str, Any]](), list[MistimedLog]()
     for one in records:
@@ -93,8 +96,8 @@ def make_season(
 
 
 def unify_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Records whose names are spelt alike where they differ in capitals or blanks only, as most
-    logs do; a machine whose logs have several models is several."""
+    """Returns records with uniform spelling of names that differ only in capitals or blanks. A
+    machine whose logs have several models becomes several machines."""
     every = list(records)
     factors = sorted({name for one in every for name in one["shared"]})
     unit = _find_common_spelling(one["unit"] for one in every)
@@ -121,7 +124,7 @@ def unify_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]
 
 
 def _find_common_spelling(names: Iterable[str]) -> dict[str, str]:
-    """The commonest spelling of each name."""
+    """Returns the most frequent spelling of each name."""
     counts = Counter(names)
     best: dict[str, str] = {}
     for name, _ in counts.most_common():
@@ -134,7 +137,7 @@ def _fold_name(name: str) -> str:
 
 
 def _format_date(time_d: float) -> str:
-    """The day, or its number where no calendar reaches it."""
+    """Returns the date, or its number if no calendar reaches it."""
     try:
         return day_clock.convert_to_utc(time_d * 86_400.0).date().isoformat()
     except (ValueError, OverflowError, OSError):

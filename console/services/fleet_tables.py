@@ -1,4 +1,4 @@
-"""A season as Parquet files for other programs."""
+"""How is a season written as Parquet files for other programs? Each table is one file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from topdress.console.services.fleet_season import Season
 
 _TEXT, _NUMBER, _COUNT = "Utf8", "Float64", "Int64"
-# Every column of every table, so that an empty one has them too.
+# Every column of every table is listed, so that an empty table has them too.
 TABLE_COLUMNS = {
     "logs": {
         "path": _TEXT,
@@ -110,7 +110,7 @@ TABLE_COLUMNS = {
 
 
 def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) -> None:
-    """Write `TABLE_COLUMNS`, each a Parquet file in `out`. Raises OSError."""
+    """Writes `TABLE_COLUMNS`, each table as a Parquet file in `out`. Raises OSError."""
     import polars as pl
 
     fit = of.fit

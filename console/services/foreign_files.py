@@ -1,5 +1,6 @@
-"""Files of other machines and programs: which these are, and how one becomes a run log of the
-user's own folder."""
+"""Which files come from other machines and programs, and how does one become a run log in the
+user's own folder?
+"""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from topdress.drivers.files.atomic import find_free_path
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, TABLE_SUFFIXES
 
 READ_SUFFIXES = TABLE_SUFFIXES | FOREIGN_SUFFIXES
-# may be logs, and often are something else
+# Suffixes of files that are listed; the removed suffixes often belong to other contents.
 LISTED_SUFFIXES = READ_SUFFIXES - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
 TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
 IMPORT_FILE_SUFFIX = ".import.yaml"
@@ -18,8 +19,8 @@ YAML_SUFFIXES = (".yaml", ".yml")
 
 
 def is_likely_log(path: Path) -> bool:
-    """Whether the name, or for folders and zips the content, makes it likely that this is a log or
-    a table, or an import file."""
+    """Returns whether a file is probably a log, a table or an import file, by its name, or for
+    folders and zips by the content."""
     name = path.name.lower()
     return (
         not name.startswith(".")
@@ -34,7 +35,7 @@ def is_likely_log(path: Path) -> bool:
 
 
 def _has_time_log(path: Path) -> bool:
-    """Whether a folder or a zip holds the log of a task that was worked."""
+    """Returns whether a folder or a zip contains the log of a task that was worked."""
     from topdress.drivers.files.archives import has_time_log, open_archive
     from topdress.drivers.plain_text import RefusedInput
 
@@ -47,20 +48,20 @@ def _has_time_log(path: Path) -> bool:
 
 
 def is_importable(path: Path) -> bool:
-    """Whether `import_file_as_log` would try: a file that import reads, a task's folder, an import
-    file."""
+    """Returns whether `import_file_as_log` would try: a file that the import reads, a task's
+    folder, or an import file."""
     if path.is_dir():
         return any(file.name.lower() == TASK for file in path.iterdir())
     return path.suffix.lower() in READ_SUFFIXES or _is_import_file(path)
 
 
 def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
-    """The file at `path` (or that of the import file there) as a new run log in `folder`; returns
-    its path, and notes on odd data.
+    """Writes the file at `path` (or the file of the import file at `path`) as a new run log in
+    `folder`; returns its path, and notes on odd data.
 
-    The import file next to it is used where there is one, else a guess of which nothing is unsure.
-    Raises OpenQuestions where something is, once the guess is written next to the file;
-    LogImportError, ConfigError and OSError.
+    The import file next to it is used, else a guess in which nothing is unsure. Raises
+    OpenQuestions for an unsure guess, after writing the guess next to the file; LogImportError,
+    ConfigError and OSError.
     """
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config import load_config
@@ -104,7 +105,8 @@ def _is_import_file(path: Path) -> bool:
 
 
 def _find_import_pair(path: Path) -> tuple[Path, Path]:
-    """A file and its import file, given either: they stand next to each other and have one stem."""
+    """Returns a file and its import file, given either of them: both have the same folder
+    and stem."""
     if path.suffix.lower() not in YAML_SUFFIXES:
         return path, path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}")
     stem = path.stem.removesuffix(Path(IMPORT_FILE_SUFFIX).stem)

@@ -1,5 +1,6 @@
-"""What the Job screen has done: facts of the configuration, other files, exports, going on with
-a job that was left."""
+"""How does the Job screen work with files? It shows facts of the configuration, chooses files,
+exports, and continues an interrupted job.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def shorten_config_error() -> Iterator[None]:
-    """Raise the first line of a ConfigError as the ValueError of the screens."""
+    """Raises the first line of a ConfigError as the ValueError of the screens."""
     try:
         yield
     except ConfigError as error:
@@ -62,23 +63,20 @@ class JobFiles:
     """Implements `console.app.pages.job.service.JobService` on real files."""
 
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
-        """folder: of the user's own files; jobs that are changed are in its folder jobs."""
+        """`folder` is the user's own folder; changed jobs are in its folder `jobs`."""
         self._launcher = launcher
         self._folder = folder or find_data_folder()
-        # files of a start that is asked about; not those in use
+        # Files of the next start that the operator considers, instead of those in use.
         self._next: tuple[str, ...] | None = None
-        # of these a job: where it stands, and its next version
+        # A changed job among these files: its path, and its next version.
         self._changed: tuple[Path, Path] | None = None
-        # of the map as it stood
+        # Check of the map in its last known state.
         self._checked: tuple[object, MapCheck | RefusedInput | OSError] | None = None
-        # of maps that are only looked at
+        # Temporary folder of maps that are only previewed.
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
-    # --- facts
-    # ----------------------------------------------------------------------------------------------
-
     def find_facts(self) -> JobFacts:
-        """Facts of the files of the next start. Raises ValueError."""
+        """Returns facts about the files of the next start. Raises ValueError."""
         from topdress.drivers.files.setup import build_setup, load_job_product
 
         with shorten_config_error():
@@ -121,9 +119,11 @@ class JobFiles:
     def _check_map(
         self, setup: Setup, found: dict[str, Loaded[BaseModel]]
     ) -> tuple[str, MapCheck | None, str]:
-        """Path of the job's map, its parts that will not be applied, why it cannot be used.
+        """Returns the path of the job's map, its parts that will not be applied, and the reason why
+        it cannot be used.
 
-        Checked anew only when the file or the job has changed: a large one takes seconds.
+        The map is checked again only after a change of the file or the job, because a large map
+        takes seconds.
         """
         from topdress.drivers.files.archives import list_opened_files
         from topdress.drivers.files.prescriptions.for_job import find_map_check
@@ -155,7 +155,8 @@ class JobFiles:
         return str(path), checked, ""
 
     def _list_files(self, folder: str, now: Path | None) -> tuple[FileChoice, ...]:
-        """The file in use, the user's own, the newest first, and those that are shipped."""
+        """Returns the file in use, the user's own files, the newest first, and the shipped
+        files."""
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         found: dict[str, FileChoice] = {}
@@ -164,17 +165,14 @@ class JobFiles:
         return tuple(found.values())
 
     def find_free_bytes(self, log_path: str) -> int | None:
-        """Free space on the log's disk, bytes; None where it cannot be read."""
+        """Returns the free space on the log's disk, bytes; None where it cannot be read."""
         try:
             return shutil.disk_usage(Path(log_path).parent).free
         except OSError:
             return None
 
-    # --- other files
-    # --------------------------------------------------------------------------------------------
-
     def choose_file(self, kind: str, value: str) -> None:
-        """Choose another job, crop or machine file for the next start. Raises ValueError."""
+        """Chooses another job, crop or machine file for the next start. Raises ValueError."""
         value = _clean_typed_path(value)
         with shorten_config_error():
             if kind == "crop":
@@ -186,13 +184,13 @@ class JobFiles:
             self._replace_file(wanted.format, value)
 
     def list_recent(self) -> tuple[RecentSet, ...]:
-        """File sets of the jobs worked lately, the newest first."""
+        """Returns the file sets of recent jobs, the newest first."""
         from topdress.console.services.recent import find_recent_sets
 
         return find_recent_sets(self._launcher.log_folder, self._folder)
 
     def choose_recent(self, recent: RecentSet) -> None:
-        """Choose the files of a job worked lately. Raises ValueError."""
+        """Chooses the files of a recent job. Raises ValueError."""
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
         with shorten_config_error():
@@ -200,7 +198,7 @@ class JobFiles:
         self._next = recent.files
 
     def save_strip_value(self, strip: StripValue) -> str:
-        """Save a strip's NDVI in the job; returns the comment. Raises ValueError."""
+        """Saves a strip's NDVI in the job; returns the comment. Raises ValueError."""
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = (
             "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
@@ -221,13 +219,15 @@ class JobFiles:
             return str(_find_file_path(self._load_files(), JOB.format, "demo"))
 
     def list_maps(self) -> tuple[MapFile, ...]:
-        """Maps on sticks, among downloads and in the user's folder, the newest first."""
+        """Returns maps on USB sticks, among downloads and in the user's folder, the newest
+        first."""
         from topdress.console.services.removable_media import find_maps, list_places
 
         return find_maps(list_places())
 
     def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
-        """Entries of a folder; empty: the places to begin with. Raises ValueError."""
+        """Returns the entries of a folder; for an empty name the folders with which a search
+        begins. Raises ValueError."""
         from topdress.console.services.removable_media import list_entries, list_places
 
         if not folder:
@@ -242,7 +242,7 @@ class JobFiles:
             raise ValueError(f"{error.strerror or error}: {folder}") from None
 
     def preview_map(self, path: str, reading: MapReading) -> MapPreview:
-        """A map as it would be read. Raises ValueError."""
+        """Returns a map as it would be read. Raises ValueError."""
         from topdress.console.services.field import make_job_picture
         from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
         from topdress.control.targets.prescription import calc_rate_shares
@@ -313,7 +313,7 @@ class JobFiles:
         )
 
     def choose_map(self, preview: MapPreview) -> str:
-        """Put a map into the job; returns the comment. Raises ValueError."""
+        """Writes a map into the job; returns the comment. Raises ValueError."""
         from topdress.drivers.files.atomic import find_free_path, write_atomically
 
         place = find_free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
@@ -337,8 +337,8 @@ class JobFiles:
             raise ValueError(f"{place}: {error.strerror or error}") from None
 
     def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """Put a driven boundary into the job; returns the comment. Raises ValueError: edges that
-        cross, too few corners."""
+        """Writes a driven boundary into the job; returns the comment. Raises ValueError for
+        crossing edges or too few corners."""
         from topdress.console.services.driven_field import make_driven_field
 
         ground = load_config(
@@ -350,7 +350,8 @@ class JobFiles:
             return self._write_new_job({"field": field}, said)
 
     def save_job_names(self, who: JobNames) -> str:
-        """Put client, farm and field names into the job; returns the comment. Raises ValueError."""
+        """Writes client, farm and field names into the job; returns the comment. Raises
+        ValueError."""
         job = load_config(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})
         with shorten_config_error():
@@ -367,7 +368,7 @@ class JobFiles:
             )
 
     def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
-        """The job files with their cards; None where one cannot be read."""
+        """Returns the job files with their cards; None for an unreadable file."""
         from topdress.console.services.recent import find_done_of_jobs, make_job_card
 
         now = _find_file_path(self._load_files(), JOB.format, "demo")
@@ -378,8 +379,8 @@ class JobFiles:
         )
 
     def _write_new_job(self, changes: dict[str, object], comment: str) -> str:
-        """A job of the user's stays the same file and keeps its earlier version in the folder
-        history; one of others is copied under its own name."""
+        """Writes the changed job. A job of the user keeps its file, and its earlier version goes to
+        the folder `history`; another job is copied under its own name."""
         from topdress.drivers.files.atomic import find_free_path
 
         path = _find_file_path(self._load_files(), JOB.format, "demo")
@@ -410,8 +411,8 @@ class JobFiles:
         return str(kept)
 
     def _settle_changed_job(self) -> None:
-        """Put the changed job in its place, and the earlier one into the history; a second time
-        back. Raises ValueError."""
+        """Puts the changed job in its place, and the earlier job into the history; a second call
+        reverses this. Raises ValueError."""
         from topdress.drivers.files.atomic import write_atomically
 
         if self._changed is None:
@@ -428,7 +429,7 @@ class JobFiles:
             self._next = tuple(str(place) if file == str(kept) else file for file in self._next)
 
     def _check_file_set(self, kind: str, value: str) -> None:
-        """Check the new set of files together. Raises ConfigError."""
+        """Checks the new set of files together. Raises ConfigError."""
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
         build_setup(load_by_kind(self._make_file_set(kind, value)), day_clock.read_today())
@@ -447,14 +448,14 @@ class JobFiles:
         return load_by_kind(self._launcher.config)
 
     def drop_choices(self) -> None:
-        """Forget the choices for the next start."""
+        """Discards the choices for the next start."""
         if self._changed is not None and self._changed[0] != self._changed[1]:
             self._changed[1].unlink(missing_ok=True)
         self._next = self._changed = None
 
     async def restart_worker(self, anew: bool = False) -> Link:
-        """Start a worker with the chosen files. Raises WorkerFailed, ValueError, OSError; the files
-        are then those of before."""
+        """Starts a worker with the chosen files. Raises WorkerFailed, ValueError, OSError; the
+        previous files then stay in use."""
         before, left = self._launcher.config, self._find_left_jobs()
         self._settle_changed_job()
         self._launcher.config, self._next = self._next or before, None
@@ -468,7 +469,7 @@ class JobFiles:
             self._changed = None
 
     async def _begin_worker(self, left: Sequence[OpenJob], anew: bool) -> Link:
-        """Start a worker on a field on which these jobs were left, the newest first."""
+        """Starts a worker on a field with these interrupted jobs, the newest first."""
         if anew:
             for one in left:
                 resume.mark_finished(one.path)
@@ -476,13 +477,10 @@ class JobFiles:
             None if anew else next((one.path for one in left if one.is_same_job), None)
         )
 
-    # --- export and report
-    # --------------------------------------------------------------------------------------
-
     def export_as_applied(
         self, log_path: str, ending: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
-        """Export the as-applied map of each part of the job. Raises ValueError, OSError."""
+        """Exports the as-applied map of each part of the job. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import build_as_applied
         from topdress.drivers.files.exports.write import write_as_applied
 
@@ -498,7 +496,7 @@ class JobFiles:
     def write_reports(
         self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
-        """Write the report of each part of the job. Raises ValueError, OSError."""
+        """Writes the report of each part of the job. Raises ValueError, OSError."""
         from topdress.console.reports.job_about import read_job_metadata
         from topdress.console.reports.job_page import MOST_STRETCHES, make_job_page
         from topdress.drivers.files.atomic import write_atomically
@@ -535,8 +533,9 @@ class JobFiles:
         progress: Progress,
         cancelled: IsCancelled,
     ) -> tuple[str, ...]:
-        """Write a file of each log of the job, next to it; cancelled: those that are done. A log
-        with nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
+        """Writes a file for each log of the job, next to the log; a cancelled call returns the
+        finished files. An empty log is skipped, unless all logs are empty. Raises ValueError,
+        OSError."""
         from topdress.drivers.files.exports.as_applied import ExportError
         from topdress.drivers.files.imports.import_errors import TableError
         from topdress.drivers.files.read_log import read_log
@@ -564,7 +563,7 @@ class JobFiles:
 
     @staticmethod
     def _list_parts(log_path: str) -> tuple[Path, ...]:
-        """The logs of the job, oldest first."""
+        """Returns the logs of the job, oldest first."""
         log = Path(log_path)
         try:
             before = resume.read_snapshot(resume.make_snapshot_path(log)).logs_before
@@ -572,11 +571,8 @@ class JobFiles:
             before = ()
         return (*(path for path in map(Path, before) if path.exists()), log)
 
-    # --- power cuts
-    # ---------------------------------------------------------------------------------------------
-
     def find_offer(self) -> JobOffer | None:
-        """The job that was left and can go on; None where there is none."""
+        """Returns the interrupted job that can continue; None without such a job."""
         left = sorted(self._find_left_jobs(), key=lambda one: not one.is_same_job)
         if not left:
             return None
@@ -591,8 +587,8 @@ class JobFiles:
         )
 
     def _find_left_jobs(self) -> list[OpenJob]:
-        """Jobs that were left on the field of the next start, the newest first; where no files are
-        chosen, the newest of all. Raises ValueError."""
+        """Returns the interrupted jobs on the field of the next start, the newest first; if no
+        files are chosen, the newest of all. Raises ValueError."""
         from topdress.console.worker.resume_field import OpenJob, find_jobs_here
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
@@ -612,8 +608,8 @@ class JobFiles:
         )
 
     async def resume_job(self, offer: JobOffer) -> Link:
-        """Go on with a job, with the files of the next start, else those that it had. Raises
-        WorkerFailed, ValueError, OSError."""
+        """Continues a job with the files of the next start, else with its own. Raises WorkerFailed,
+        ValueError, OSError."""
         kept, left = resume.read_snapshot(Path(offer.path)), self._find_left_jobs()
         launcher = self._launcher
         launcher.config, launcher.effects = launcher.config or kept.config, kept.effects
@@ -621,21 +617,22 @@ class JobFiles:
         return await self._begin_worker(left, False)
 
     async def start_anew(self, offer: JobOffer) -> Link:
-        """Start the job anew. Raises WorkerFailed, ValueError, OSError."""
+        """Starts the job anew. Raises WorkerFailed, ValueError, OSError."""
         return await self._begin_worker(self._find_left_jobs(), True)
 
 
 def _clean_typed_path(path: str) -> str:
-    """A path as it is typed, or as a file manager pastes it."""
+    """Returns a typed path, or a path that a file manager pasted, without quotes and URL syntax."""
     return str(Path(path.strip().strip("'\"")).expanduser())
 
 
-FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0  # times the crop's limit; less than any dressing
+# Implausible rates: twice the crop's limit, or less than any dressing, kg/ha.
+FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0
 
 
 def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
-    """Rates of a map that no field gets, if they are kg/ha, in words; empty where there are
-    none."""
+    """Returns a description of rates that no field gets, if they are in kg/ha; empty for plausible
+    rates."""
     highest = max(rates_kg_ha, default=0.0)
     if highest > FAR_ABOVE * most_kg_ha:
         return (
@@ -648,8 +645,8 @@ def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> s
 
 
 def _add_simulated_field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
-    """The job on the field where it will be worked: on the simulated machine one without a boundary
-    gets one."""
+    """Returns the job with its field; on the simulated machine a job without a boundary gets a
+    field."""
     from topdress.control.simulation.assembly import add_simulated_field
 
     return add_simulated_field(job, machine) if _is_simulated_cab(found) else job
@@ -666,12 +663,14 @@ def _find_file_path(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str
 
 
 def _read_head_comments(path: Path) -> list[str]:
-    """The comments at the head of a file of ours: its history, a line a change."""
+    """Returns the comments at the beginning of a topdress file: its history, one line for each
+    change."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line.removeprefix("# ") for line in takewhile(lambda line: line.startswith("#"), lines)]
 
 
 def _resolve_named_file(folder: Path, name: str) -> str:
-    """A file that a job names, as it is named from elsewhere; a shipped one by its name."""
+    """Returns a file that a job names by its path from another folder; a shipped file by
+    its name."""
     is_path = "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
     return str((folder / name).resolve()) if is_path else name

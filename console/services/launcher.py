@@ -1,6 +1,6 @@
-"""How control workers are started from the console, and with which files.
+"""How does the console start control workers, and with which files?
 
-Light: the worker is started before the console has imported its pages.
+The module imports little, because the worker is started before the console has imported its pages.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 def find_data_folder() -> Path:
-    """The user's own folder for files that the program writes."""
+    """Returns the user's own folder for files that the program writes."""
     return Path(platformdirs.user_data_dir("topdress", appauthor=False))
 
 
 class Launcher:
-    """Starts control workers, with the files as they were last chosen."""
+    """Starts control workers with the files that were chosen last."""
 
     def __init__(
         self,
@@ -45,8 +45,8 @@ class Launcher:
         self.trouble, self.name = trouble, name
 
     def start_process(self, resumed: Path | None = None) -> WorkerAddress:
-        """Start a worker and wait until it listens; resumed: the snapshot of the job to go on with.
-        Raises WorkerFailed."""
+        """Starts a worker and waits until it listens; `resumed` is the snapshot of the job to
+        continue. Raises WorkerFailed."""
         arguments = [
             *_repeat_option("--config", self.config),
             *_repeat_option("--effect", self.effects),
@@ -62,7 +62,7 @@ class Launcher:
         return start_worker(arguments, self.trouble)
 
     async def start_link(self, resumed: Path | None = None) -> Link:
-        """Start a worker and connect to it."""
+        """Starts a worker and connects to it."""
         import asyncio
 
         from topdress.console.link import Link
@@ -75,10 +75,10 @@ class Launcher:
         return find_data_folder() / "logs" if self.log is None else Path(self.log).parent
 
     def adopt_running_files(self, log_path: str) -> tuple[str, ...] | None:
-        """Take the files of a worker that runs already: its log's sidecar names them.
+        """Adopts the files of a worker that already runs: its log's sidecar names them.
 
-        Returns those of ours that it does not run with; None where the sidecar cannot be read: then
-        ours stay.
+        Returns those of this console's files with which the worker does not run; None for an
+        unreadable sidecar, which changes nothing.
         """
         from topdress.drivers.files.config import load_any_config
         from topdress.drivers.files.config_error import ConfigError
@@ -101,13 +101,12 @@ class Launcher:
         return unused
 
     def may_have_offer(self) -> bool:
-        """Whether a job may have been cut off that `JobFiles.find_offer` has to check."""
+        """Returns whether an interrupted job may exist that `JobFiles.find_offer` must check."""
         return may_have_open_job(self.log_folder)
 
 
 def list_other_files(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
-    """Those of our files that are not among theirs; shipped ones by their names or by their
-    paths."""
+    """Returns those of `ours` that are not among `theirs`; shipped files match by name or path."""
     known = {
         path for file in theirs for path in (Path(file).resolve(), _find_shipped_file(file))
     } - {None}
@@ -121,7 +120,7 @@ def _repeat_option(option: str, values: Sequence[str]) -> list[str]:
 
 
 def _find_shipped_file(file: str) -> Path | None:
-    """The shipped file of this name; None where there is none."""
+    """Returns the shipped file of this name; None for an unknown name."""
     from topdress.drivers.files.config import resolve_config_path
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.kinds import KINDS

@@ -1,5 +1,6 @@
-"""Files of other days for the Map page: what was applied or harvested there, laid on the plane
-of the job."""
+"""How does the Map page show files of other days? Applied or harvested amounts are placed on the
+plane of the job.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +27,10 @@ if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
     from topdress.drivers.files.run_meta import RunMeta
 
-# behind the antenna, where the machine of the frame is not given
+# Distance of the outlets behind the antenna, m, where the frame's machine is unknown.
 OUTLET_BEHIND_M = 2.0
-# a fix may be some seconds older than the place: no sign of another plane
+# Distance between fix and position, m, up to which the fix may only be some seconds older; a larger
+# distance means another plane.
 STALE_FIX_M = 30.0
 DEFAULT_WIDTH_M = 2.4
 
@@ -40,12 +42,12 @@ class MapLayers:
         self._files = files or DiagnosisFiles()
 
     def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
-        """Logs that can be laid on the map."""
+        """Returns logs that can be shown on the map."""
         return select_logs(one for one in self._files.list_sources(running_log) if not one.working)
 
     def make_overlay(self, path: str, frame: Frame) -> LaidFile:
-        """The overlay of a file. Raises ValueError in one line: no readable file, open questions,
-        no places, no rate and no harvest in it."""
+        """Returns the overlay of a file. Raises ValueError in one line for an unreadable file, open
+        questions, or a file without positions, or without rate and harvest."""
         from topdress.drivers.files.run_meta import read_sidecar_meta
 
         meta = read_sidecar_meta(frame.log_path) if frame.log_path else None
@@ -63,7 +65,7 @@ class MapLayers:
 
 
 def _open_layer_log(path: Path) -> RunLog:
-    """The log, by its import file where one stands next to it. Raises ValueError, OSError."""
+    """Returns the log, read by the import file next to it. Raises ValueError, OSError."""
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.imports.import_errors import UnsureImportError
     from topdress.drivers.files.read_log import read_filled_log
@@ -78,14 +80,14 @@ def _open_layer_log(path: Path) -> RunLog:
 
 
 def _describe_open_question(path: Path, questions: Sequence[str]) -> str:
-    """The line that refers to the Diagnosis page, which asks, and keeps the answer next to the
-    file, where it is found here too."""
+    """Returns the line that refers to the Diagnosis page, which asks the questions and stores the
+    answer next to the file, where this page finds it."""
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
 def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
-    """A log of any program on a plane. width_m: of the ground covered, where the log has no
-    width."""
+    """Returns a log of any program as an overlay on a plane. `width_m` is the width of the covered
+    ground for a log without a width."""
     from topdress.console.services.replay_frames import make_frames
 
     if not (log.has("lat_deg") and log.has("lon_deg")):
@@ -128,8 +130,8 @@ def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Fr
 
 
 def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
-    """The plane of a frame's place: its job's, if the frame's fix lies there, else by fix and
-    place."""
+    """Returns the plane of a frame's position: its job's plane if the frame's fix is on it, else
+    the plane by fix and position."""
     from topdress.control.geodesy import TangentPlane, calc_plane_distance_m, offset_place
 
     row, place = frame.row, frame.place_m
@@ -157,7 +159,7 @@ def _find_working_width_m(meta: RunMeta | None) -> float:
 
 
 def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
-    """The log's own working width: its machine's, else the median of its column, m."""
+    """Returns the log's own working width: its machine's, else the median of its column, m."""
     from topdress.drivers.files.imports.header import split_unit_name
     from topdress.drivers.files.imports.units import find_named_unit
     from topdress.drivers.files.imports.words import find_subject, fold_column_name
@@ -181,7 +183,7 @@ def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
 
 
 def _find_harvest_column(log: RunLog) -> tuple[str, HarvestColumn] | None:
-    """The column of the harvest, where there is one."""
+    """Returns the column of the harvest; None without such a column."""
     from topdress.drivers.files.imports.header import split_unit_name
     from topdress.drivers.files.imports.words import HARVEST_WORDS, fold_column_name
 
@@ -194,7 +196,7 @@ def _find_harvest_column(log: RunLog) -> tuple[str, HarvestColumn] | None:
 
 
 def _calc_distance_m(box: Box | None, frame: Frame) -> float:
-    """Distance from the machine to the nearest side of the overlay, m."""
+    """Returns the distance from the machine to the nearest side of the overlay, m."""
     if box is None or frame.place_m is None:
         return 0.0
     east, north = frame.place_m

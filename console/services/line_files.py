@@ -1,4 +1,6 @@
-"""The A-B line and a boundary that is being driven, kept next to the log as NAME.lines.jsonl."""
+"""How are the A-B line and a boundary during its drive stored? They are in NAME.lines.jsonl next to
+the log.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ LINES_SUFFIX = ".lines.jsonl"
 
 
 def find_lines_path(log_path: str | Path) -> Path:
-    """Path of the file of lines next to a log."""
+    """Returns the path of the file of lines next to a log."""
     return Path(log_path).with_suffix(LINES_SUFFIX)
 
 
@@ -23,11 +25,12 @@ class KeptLineFiles:
         self._files = SideFiles()
 
     def append_record(self, log_path: str, record: str) -> None:
-        """Queue a record for the log's file of lines."""
+        """Queues a record for the log's file of lines."""
         self._files.queue_append(find_lines_path(log_path), record.encode() + b"\n")
 
     def read_lines(self, log_path: str) -> KeptLines:
-        """The lines of a log, of the job's parts before a power cut too: the last record holds."""
+        """Returns the lines of a log, including the job's parts before a power cut; the last record
+        applies."""
         texts = [
             (log, _read_text_or_empty(find_lines_path(log)))
             for log in (*_list_earlier_parts(log_path), Path(log_path))
@@ -44,17 +47,17 @@ class KeptLineFiles:
         return kept
 
     def close_files(self) -> None:
-        """Write queued records."""
+        """Writes queued records."""
         self._files.close_files()
 
 
 def _add_field_line(kept: KeptLines, log: Path) -> KeptLines:
-    """The lines with that of the last job on the same field, where there is one: tracks stay where
-    they are."""
+    """Returns the lines with the line of the last job on the same field, so that tracks stay in
+    place."""
     field = _find_shared_field(log)
     if field is None:
         return kept
-    # their names begin with the time
+    # The names begin with the time, so reverse order is the newest first.
     for path in sorted(log.parent.glob(f"*{LINES_SUFFIX}"), reverse=True):
         before = read_kept_lines(_read_text_or_empty(path).splitlines())
         other = path.with_name(path.name.removesuffix(LINES_SUFFIX) + log.suffix)
@@ -70,14 +73,14 @@ def _add_field_line(kept: KeptLines, log: Path) -> KeptLines:
 
 
 class _SharedField(NamedTuple):
-    """Holds the plane and the edge that two jobs on one field share."""
+    """Holds the plane and the edge that two jobs on one field have in common."""
 
     place: tuple[object, ...]
     began: str
 
 
 def _find_shared_field(log: Path) -> _SharedField | None:
-    """The field of a log; None: its job has no field, or cannot be read."""
+    """Returns the field of a log; None for a job without a field, and for an unreadable log."""
     from topdress.drivers.files.run_meta import read_sidecar_meta
 
     meta = read_sidecar_meta(log)
@@ -91,7 +94,7 @@ def _find_shared_field(log: Path) -> _SharedField | None:
 
 
 def _continue_drive(kept: KeptLines, log: Path, after_s: float) -> None:
-    """Add the way since the last record, while no console looked: the log has it."""
+    """Adds the path since the last record, taken from the log, for the time without a console."""
     from topdress.drivers.files.read_log import read_log
 
     assert kept.drive is not None
@@ -100,7 +103,8 @@ def _continue_drive(kept: KeptLines, log: Path, after_s: float) -> None:
             if row.time_s > after_s:
                 kept.drive.add_row(row)
     except (ValueError, OSError):
-        return  # the last side is drawn straight
+        # The last side is a straight line.
+        return
 
 
 def _read_text_or_empty(path: Path) -> str:
@@ -125,4 +129,4 @@ class ReadOnlyLineFiles(KeptLineFiles):
     """Reads lines for a console that writes no files: a tablet's tab."""
 
     def append_record(self, log_path: str, record: str) -> None:
-        """Keep nothing."""
+        """Does nothing, because a tablet stores no lines."""

@@ -1,10 +1,10 @@
-"""The live check as a process of its own:
-`python -m topdress.console.services.live_check LOG [MACHINE]`.
+"""How does the live check run as a process of its own, `python -m
+topdress.console.services.live_check LOG [MACHINE]`?
 
-It follows a growing log with the lowest priority and says what departs from the model as lines
-of JSON on stdout: {"departure": {...} or null, "at_s": 612.0}, whenever that changes, or
-{"error": "one line"} and ends. It ends with its stdin, so that no console leaves one behind.
-Nothing waits for it: it reads a file, and may be slow or dead.
+It follows a growing log with the lowest priority and prints departures from the model as lines of
+JSON on stdout: {"departure": {...} or null, "at_s": 612.0} at every change, or {"error": "one
+line"} before it ends. It ends with its stdin, so that no console leaves a process behind. No
+program waits for it: it reads a file, and may be slow or fail.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 NICENESS = 19
 POLL_S = 5.0
-# without a new row, after which a log is said to grow no longer
+# Time without a new row after which a log counts as no longer growing, s.
 GROWTH_TIMEOUT_S = 60.0
-# of one core's time, that bringing in the log may take
+# Share of one core's time that the import of the log may take.
 MOST_IMPORT_SHARE = 0.05
 DEFAULT_MACHINE = "huanghai"
 
 
 class CheckResult(NamedTuple):
-    """Holds the departure that stands after a check, and its time in the log; newest: false for
-    rows that came long ago."""
+    """Holds the departure after a check, and its time in the log; `newest` is False for rows that
+    are older than the newest."""
 
     at_s: float
     departure: Departure | None
@@ -43,7 +43,8 @@ class CheckResult(NamedTuple):
 
 
 def load_log_machine(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
-    """The machine as given, else as the log names it, else the default one. Raises ConfigError."""
+    """Returns the given machine, else the machine that the log names, else the default. Raises
+    ConfigError."""
     from topdress.drivers.files.config import load_config, validate_config
     from topdress.drivers.files.kinds import MACHINE
     from topdress.drivers.files.read_log import read_log_meta
@@ -61,11 +62,11 @@ def follow_log(
     wait: Callable[[], bool],
     tell: Callable[[str], None] = lambda said: None,
 ) -> Iterator[CheckResult]:
-    """The result of each check, for ever; `wait` returns False where that is enough.
+    """Yields the result of each check without end; `wait` returns False to stop.
 
-    tell: takes the notes on the file itself. Rows that are there already are gone through as if
-    they came now. Rows that are earlier than those before are another log's, which is checked from
-    its beginning. Raises TableError, ConfigError, OSError.
+    `tell` receives the notes on the file itself. Existing rows are processed as if they arrived
+    now. Rows earlier than the previous rows belong to another log, which is checked from its
+    beginning. Raises TableError, ConfigError, OSError.
     """
     from topdress.control.diagnosis.live.watch import LiveCheck
     from topdress.drivers.files.growing_log import GrowingLog
@@ -90,21 +91,21 @@ def follow_log(
                 yield CheckResult(
                     check.now_s, standing, k == len(pieces) - 1 and not growing.behind
                 )
-        # a log that is brought in anew each time
+        # Such a log is imported again at each poll, so the pauses become longer.
         for _ in range(int(took_s / (MOST_IMPORT_SHARE * POLL_S))):
             if not wait():
                 break
 
 
 class _FileReporter:
-    """Reports lines left out of the followed file, and that it no longer grows."""
+    """Reports omitted lines of the followed file, and the end of its growth."""
 
     def __init__(self, log: Path, tell: Callable[[str], None]) -> None:
         self._log, self._tell = log, tell
         self._damaged, self._looks, self._grew = 0, 0, False
 
     def report_poll(self, damaged: int, grew: bool) -> None:
-        """Report changes after each poll of the file, POLL_S apart."""
+        """Reports changes after each poll of the file, `POLL_S` apart."""
         if damaged > self._damaged:
             self._damaged = damaged
             self._tell(
@@ -125,7 +126,7 @@ class _FileReporter:
 
 
 def _split_rows(rows: Columns) -> Iterator[Columns]:
-    """Rows that came at once, as they would have come: LOOK_S at a time."""
+    """Yields rows that arrived together in steps of `LOOK_S`, as they would have arrived."""
     import numpy as np
     from topdress.control.diagnosis.live.watch import LOOK_S
 
@@ -136,7 +137,7 @@ def _split_rows(rows: Columns) -> Iterator[Columns]:
 
 
 def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
-    """Follow a log and print departures; returns the exit code."""
+    """Follows a log and prints departures; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
 
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
@@ -148,19 +149,20 @@ def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.s
 
     try:
         for look in follow_log(log, machine, wait_for_poll):
-            # what departed hours ago is not said as if it did now
+            # A departure of hours ago must not be reported as a present one.
             if look.newest and look.departure != said:
                 said = look.departure
                 _print_json_line(
                     {"departure": None if said is None else said._asdict(), "at_s": look.at_s}
                 )
-    except (ValueError, OSError, ConfigError) as error:  # TableError is a ValueError
+    # TableError is a ValueError.
+    except (ValueError, OSError, ConfigError) as error:
         _print_json_line({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     return 1
 
 
 def lower_priority() -> None:
-    """Give way to the control loop."""
+    """Lowers the priority of this process below that of the control loop."""
     if hasattr(os, "nice"):
         os.nice(NICENESS)
 

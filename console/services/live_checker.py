@@ -1,8 +1,8 @@
-"""The console's end of the live check: one process for the log that is being written, its last
-word at hand.
+"""How does the console run the live check? One process checks the log that is being written, and
+its last result is available at once.
 
-Asking never waits: process and pipe belong to a thread. A check that dies is started again a
-few times, and then left alone; one that hangs only goes on saying what it said last.
+A request never waits, because process and pipe belong to a thread. A check that crashes is started
+again a few times. A check that hangs only leaves its last result in place.
 """
 
 from __future__ import annotations
@@ -22,17 +22,19 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Departure
 
 CHECK_COMMAND = (sys.executable, "-P", "-m", "topdress.console.services.live_check")
-RESTART_WAIT_S = 120.0  # after its death
-MOST_STARTS = 3  # for one log, at most
-# A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once
-# only as long as it does not learn from them to keep them (man mallopt): 313 MB after 41
-# minutes of a log, 229 MB so.
+# Pause before a restart after a crash, s.
+RESTART_WAIT_S = 120.0
+# Largest number of starts for one log.
+MOST_STARTS = 3
+# A diagnosis takes 100 MB for some seconds. Linux's allocator returns large blocks at once only as
+# long as it does not learn from them to keep them (man mallopt): 313 MB after 41 minutes of a log,
+# 229 MB with these settings.
 MALLOC_ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
 
 
 class LiveChecker:
-    """Runs the check of a log. `find_departure(log)` starts it when it is first asked for, and ends
-    that of the log before."""
+    """Runs the check of a log. The first call of `find_departure(log)` starts the check, and ends
+    the check of the previous log."""
 
     def __init__(
         self, program: Sequence[str] = CHECK_COMMAND, again_s: float = RESTART_WAIT_S
@@ -41,7 +43,7 @@ class LiveChecker:
         self._run: _CheckProcess | None = None
 
     def find_departure(self, log: str) -> Departure | None:
-        """The newest departure; None: none, or not known yet."""
+        """Returns the newest departure; None without a departure, and before the first result."""
         if self._run is None or self._run.log != log:
             self.stop_check()
             if not log:
@@ -50,7 +52,7 @@ class LiveChecker:
         return self._run.departure
 
     def stop_check(self) -> None:
-        """End the check that runs."""
+        """Ends the check that runs."""
         if self._run is not None:
             self._run.end_process()
             self._run = None
@@ -83,8 +85,8 @@ class _CheckProcess:
                 return
 
     def _read_output(self) -> None:
-        """Read departures until the process ends. Its stdin stays open: it ends with this
-        console."""
+        """Reads departures until the process ends. Its stdin stays open, because the process ends
+        with this console."""
         from topdress.control.diagnosis.result import Departure
 
         with subprocess.Popen(

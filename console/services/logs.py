@@ -1,4 +1,4 @@
-"""The logs that the Replay page can open: those of the user's folder and of the present one."""
+"""Which logs can the Replay page open? They are in the user's folder and in the working folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from topdress.console.services.foreign_files import YAML_SUFFIXES
 
 
 def select_logs(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
-    """The sources that are run logs, as files of the Replay page."""
+    """Returns the sources that are run logs, as files of the Replay page."""
     return tuple(
         LogFile(one.path, one.name, one.changed, one.size)
         for one in sources
@@ -27,11 +27,11 @@ class RunLogs:
         self._files = files or DiagnosisFiles()
 
     def list_logs(self) -> tuple[LogFile, ...]:
-        """Logs that can be replayed, the newest first."""
+        """Returns logs that can be replayed, the newest first."""
         return select_logs(self._files.list_sources(""))
 
     def open_log(self, path: str) -> ReplayJob:
-        """Open a log for replay. Raises ValueError, OSError."""
+        """Returns a log opened for replay. Raises ValueError, OSError."""
         from topdress.console.services.replay_frames import open_replay
         from topdress.drivers.files.any_log import open_any_log
 

@@ -1,5 +1,6 @@
-"""Why a file is not taken as a prescription, in the language of the screen. A reader's refusal
-is typed: where and why; its one line in English is for a terminal and for scripts."""
+"""Why is a file refused as a prescription? The answer is in the language of the screen. A reader's
+refusal has place and reason as data; its one line in English is for terminals and scripts.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ _KIND_REASONS = {
 
 
 def translate_reason(reason: Reason) -> str:
-    """The reason in the language of the screen, with its values."""
+    """Returns the reason in the language of the screen, with its values."""
     values = {
         name: translate_reason(value) if isinstance(value, Reason) else value
         for name, value in reason.values.items()
@@ -49,14 +50,14 @@ def translate_reason(reason: Reason) -> str:
 
 
 def describe_refusal(error: RefusedInput, path: Path) -> str:
-    """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which
-    one."""
+    """Returns the place in the file at `path`, and the reason; for several files (a zip, a
+    shapefile) also the name of the file."""
     other = [Path(error.where.file).name] if error.where.file not in ("", str(path)) else []
     return ": ".join([*other, *map(translate_reason, (*error.where.inside, error.reason))])
 
 
 def describe_map_refusal(path: Path, error: RefusedInput) -> str:
-    """Why a file is not taken: first of all, whether it is a map at all."""
+    """Returns the reason why a file is refused, beginning with whether it is a map at all."""
     with contextlib.suppress(OSError):
         kind = sniff_file_kind(path)
         if kind.id not in MAP_KINDS:

@@ -1,5 +1,6 @@
-"""What was worked lately, by the sidecars of its logs: the files of each job, the newest first,
-each set once."""
+"""Which jobs were worked lately? The sidecars of the logs name the files of each job; each set is
+listed once, the newest first.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +17,17 @@ from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
 from topdress.drivers.files.run_meta import RunMeta, parse_meta_yaml
 
-OUTLINE_WIDTH_M = 2.4  # of a machine: an outline needs none
-# of the newest logs, a week of a contractor's; and of the jobs
+# Any width is sufficient, because an outline does not depend on it.
+OUTLINE_WIDTH_M = 2.4
+# Number of the newest logs that are read, a week of a contractor's work, and of jobs.
 MOST_SIDECARS = 60
 
 
 def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
-    """File sets worked lately, the newest first.
+    """Returns recent file sets, the newest first.
 
-    logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
-    file is gone, or cannot be read any more, are left out.
+    `logs` is the folder of the logs; `own` are the user's jobs, which are listed too. Sets with a
+    missing or unreadable file are omitted.
     """
     done = find_done_of_jobs(logs)
     found: dict[tuple[str, ...], RecentSet] = {}
@@ -48,8 +50,8 @@ def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
 
 
 def find_done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
-    """Hectares done and when, of the newest run of each job file that a worker of these logs was
-    started with."""
+    """Returns the hectares and the date of the newest run of each job file with which a worker of
+    these logs was started."""
     found: dict[Path, tuple[float, str]] = {}
     for path in list_newest_first(logs):
         with contextlib.suppress(OSError, ValueError):
@@ -60,8 +62,8 @@ def find_done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
 
 
 def make_job_card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
-    """The card of a job file; None: it cannot be read. A plan is read only where there is no
-    outline: a large one takes seconds."""
+    """Returns the card of a job file; None for an unreadable file. A plan is read only without an
+    outline, because a large plan takes seconds."""
     with contextlib.suppress(OSError, ValueError, ConfigError):
         job = load_config(path, JOB).model
         drawn = (
@@ -97,8 +99,8 @@ def _list_newest_sidecars(folder: Path, most: int) -> list[Path]:
 
 
 def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> RecentSet | None:
-    """The file set of a run; None: all of its files are shipped. Raises ConfigError: one is
-    gone."""
+    """Returns the file set of a run; None if all of its files are shipped. Raises ConfigError for a
+    missing file."""
     kinds = {}
     for file in meta.sha256:
         if Path(file).suffix.lower() in (".yaml", ".yml"):

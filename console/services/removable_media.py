@@ -1,5 +1,6 @@
-"""Where prescriptions lie: on sticks, among downloads, in the user's own folder. Looked at,
-never searched deep."""
+"""Where are prescriptions? USB sticks, downloads and the user's own folder are searched, but not
+deeply.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +16,18 @@ from topdress.console.app.pages.job.service import MapFile
 from topdress.drivers import day_clock
 
 MAP_SUFFIXES = (".shp", ".geojson", ".json", ".zip", ".csv")
-# bytes of a file that tell whether it may be a map at all
+# Number of bytes by which a possible map is recognised.
 SNIFFED_BYTES = 4096
 TASK_FILE = "taskdata.xml"
-# folders below a stick: TASKDATA, or farm / field / map
+# Depth of folders below a stick: TASKDATA, or farm / field / map.
 MOST_DEPTH = 3
 MOST_FILES = 60
-# entries of one place: a stick full of pictures must not hold the list up
+# Number of entries of one place, so that a stick full of pictures does not delay the list.
 MOST_ENTRIES = 3000
 
 
 def list_places() -> tuple[tuple[Path, str], ...]:
-    """Folders to search, and what an operator calls them."""
+    """Returns the folders to search, with the operator's names for them."""
     found: list[tuple[Path, str]] = []
     if sys.platform == "win32":
         found += [(Path(f"{letter}:/"), f"{letter}:") for letter in string.ascii_uppercase[3:]]
@@ -45,7 +46,7 @@ def list_places() -> tuple[tuple[Path, str], ...]:
 
 
 def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
-    """Maps of these folders, the newest first; files that cannot be read are left out."""
+    """Returns the maps of these folders, the newest first; unreadable files are omitted."""
     found: dict[Path, tuple[float, str]] = {}
     for folder, name in looked_at:
         for path in _iterate_maps(folder):
@@ -67,7 +68,8 @@ def _iterate_maps(folder: Path) -> Iterator[Path]:
         except OSError:
             continue
         if any(one.name.lower() == TASK_FILE for one in entries):
-            yield here  # a task is its folder
+            # A task is represented by its folder.
+            yield here
             continue
         for one in entries:
             looked += 1
@@ -83,8 +85,8 @@ def _iterate_maps(folder: Path) -> Iterator[Path]:
 
 
 def is_map_likely(path: Path) -> bool:
-    """Whether a file may be a map, by its ending and its first bytes: no list of settings, no log,
-    no archive of pictures."""
+    """Returns whether a file may be a map, by its suffix and first bytes; lists of settings, logs
+    and archives of pictures are excluded."""
     ending = path.suffix.lower()
     if ending not in MAP_SUFFIXES:
         return False
@@ -110,7 +112,7 @@ def is_map_likely(path: Path) -> bool:
 
 
 def make_kind_test(kind: str) -> Callable[[Path], bool]:
-    """A test by ending and first bytes: of a map, or of a job, crop or machine file."""
+    """Returns a test by suffix and first bytes: for a map, or for a job, crop or machine file."""
     if kind == "map":
         return is_map_likely
 
@@ -124,8 +126,8 @@ def make_kind_test(kind: str) -> Callable[[Path], bool]:
 
 
 def list_entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
-    """Entries of one folder: the folder above, folders and files of a kind by name. Raises
-    OSError."""
+    """Returns the entries of one folder: the parent folder, folders, and files of a kind by name.
+    Raises OSError."""
     wanted = make_kind_test(kind)
     found = [MapFile(str(folder.parent), "..", "", "")] if folder.parent != folder else []
     here = sorted(

@@ -1,4 +1,6 @@
-"""A run log as frames for the Replay screen, as recorded or as it would have been decided."""
+"""How does a run log become frames for the Replay screen? The frames show the recorded decisions,
+or those of a simulated what-if.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,12 @@ from topdress.control.safety import ALARMS
 if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
 
-ROWS_PER_PROGRESS = 64  # rows
+# Number of rows between two reports of progress.
+ROWS_PER_PROGRESS = 64
 
 
 def open_replay(recorded: RunLog) -> ReplayJob:
-    """The log opened for the Replay screen, with its what-if."""
+    """Returns the log opened for the Replay screen, with its what-if."""
     from topdress.drivers.files.config import find_shipped_files
 
     frames = list(make_frames(recorded.rows(), recorded))
@@ -43,10 +46,11 @@ def make_frames(
     width_m: float = 2.4,
     plane: TangentPlane | None = None,
 ) -> Iterator[Frame]:
-    """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand.
+    """Yields one frame for each row. Area and mass are summed from the rows; an alarm begins at its
+    first row.
 
-    plane: of the places; None: that on which the loop of the log worked, else of its first fix.
-    Where the log does not name its machine, places are taken for those of the outlets.
+    `plane` is the plane of the positions; None means the plane of the log's loop, else of its first
+    fix. For a log that does not name its machine, positions are used as those of the outlets.
     """
     meta = recorded.meta
     machine = dict(meta.machine or {}) if meta else {}
@@ -100,8 +104,8 @@ def _find_outlet_place(plane: TangentPlane, row: LogRow, ahead_m: float) -> tupl
 def _make_what_if_frames(
     recorded: RunLog, options: WhatIf, cancelled: IsCancelled, tell: TellShare
 ) -> Sequence[Frame]:
-    """Frames of the control loop run again over the log's measurements; those so far when it is
-    cancelled. Raises ValueError in one line."""
+    """Returns frames of the control loop run again on the log's measurements; the frames so far if
+    it is cancelled. Raises ValueError in one line."""
     import dataclasses
 
     from topdress.console.services.rerun import load_rerun_setup, rerun_loop
@@ -129,7 +133,7 @@ def _make_what_if_frames(
 def _report_progress(
     rows: Iterator[LogRow], count: int, cancelled: IsCancelled, tell: TellShare
 ) -> Iterator[LogRow]:
-    """The rows, up to where it is cancelled; progress is reported every `ROWS_PER_PROGRESS`."""
+    """Yields the rows until it is cancelled; reports progress every `ROWS_PER_PROGRESS` rows."""
     for number, row in enumerate(rows):
         if cancelled():
             return

@@ -1,5 +1,6 @@
-"""The control loop once more over the measurements of a log, with the operator's recorded
-orders."""
+"""How is the control loop run again on the measurements of a log, with the operator's recorded
+orders?
+"""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ MOVING_MPS = 0.6
 
 
 def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
-    """One tick a row. Orders come from the log's events; a log without any gets ready and start
-    when it moves."""
+    """Yields one tick for each row. Orders come from the log's events; a log without events gets
+    ready, and start when the machine moves."""
     loop = make_control_loop(
         setup.machine,
         setup.crop,
@@ -47,7 +48,7 @@ def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
 
 
 def parse_events(text: object) -> list[Order]:
-    """Orders in a log's events cell; other events (marks, notes) are left out."""
+    """Returns the orders in a log's events cell; other events (marks, notes) are omitted."""
     found: list[Order] = []
     for part in str(text or "").split(";"):
         word, _, value = part.strip().partition(" ")
@@ -78,7 +79,8 @@ def _decide_operator_orders(state: str, speed_mps: float) -> list[Order]:
 def load_rerun_setup(
     recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None
 ) -> Setup:
-    """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
+    """Returns machine, crop and job: as given, else as in the log's sidecar, else the shipped
+    files."""
     meta = recorded.meta
     setup = load_setup(machine or "huanghai", job or "demo", day_clock.read_today())
     label = str(recorded.path.with_suffix(".yaml"))

@@ -1,5 +1,6 @@
-"""What a running machine goes by, as its log's sidecar has it; what its run did before, as its
-snapshot has it."""
+"""Which limits does a running machine use, and what happened earlier in its run? The log's sidecar
+has the limits, the snapshot the earlier run.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ from topdress.console.app.pages.job.service import EarlierRun, RunningLimits
 
 
 def read_running_limits(log_path: str) -> RunningLimits | None:
-    """Limits of the running machine; None where the log has no sidecar, or one without them."""
+    """Returns the limits of the running machine; None for a log without a sidecar, or a sidecar
+    without limits."""
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.run_meta import read_sidecar_meta
 
@@ -26,8 +28,7 @@ def read_running_limits(log_path: str) -> RunningLimits | None:
 
 
 def read_earlier_run(log_path: str) -> EarlierRun | None:
-    """Alarms and track of the run so far; None where there is no snapshot, or none that can be
-    read."""
+    """Returns alarms and track of the run so far; None for a missing or unreadable snapshot."""
     from topdress.console.worker import resume
 
     try:

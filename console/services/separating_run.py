@@ -1,5 +1,6 @@
-"""The run that tells rivals apart, as something that the simulated machine can drive and a job
-file can hold."""
+"""How is the run that separates rival causes driven on the simulated machine and written as a job
+file?
+"""
 
 from __future__ import annotations
 
@@ -13,19 +14,23 @@ from topdress.control.orders import Do, Order, TargetSource
 
 TimedOrders = tuple[tuple[float, Order], ...]
 
-# the calibration button is reported down this often
+# Interval at which the calibration button is reported as pressed, s.
 CONFIRM_PERIOD_S = 0.2
-# times that a setting is commanded, so often apart
+# Number of repetitions of a setting's command.
 REPEATS = 10
-CALIBRATING_RUN_S = 118.0  # safety ends a calibrating run at 120 s
-RATE_KG_HA = 300.0  # of the runs that are driven
-BEGIN_DRIVE_S = 4.0  # the tractor moves by then
-FLOW_KG_S = 0.09  # about what 300 kg/ha take at 4.5 km/h on 2.4 m
+# Safety ends a calibration run at 120 s.
+CALIBRATING_RUN_S = 118.0
+# Rate of the driven runs, kg/ha.
+RATE_KG_HA = 300.0
+# Time by which the tractor moves, s.
+BEGIN_DRIVE_S = 4.0
+# Flow for about 300 kg/ha at 4.5 km/h and 2.4 m, kg/s.
+FLOW_KG_S = 0.09
 
 
 class SeparatingDrive(NamedTuple):
-    """Holds a run to drive. orders None: the simulated operator's own (ready, start, start again
-    after a refill)."""
+    """Holds a run to drive. `orders` None means the simulated operator's own orders (ready, start,
+    start again after a refill)."""
 
     job: Job
     seconds: float
@@ -33,13 +38,13 @@ class SeparatingDrive(NamedTuple):
 
 
 def is_drivable(run_id: str) -> bool:
-    """Whether the simulated machine can drive the manoeuvre that a diagnosis planned."""
+    """Returns whether the simulated machine can drive the manoeuvre that a diagnosis planned."""
     return run_id in _DRIVE_MAKERS
 
 
 def make_drive(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
-    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so that
-    nothing else moves.
+    """Returns a manoeuvre on the ground of `job`, with a fixed rate and without the scale's trim,
+    so that nothing else changes.
 
     Raises ValueError for a manoeuvre that the simulated machine cannot drive.
     """
@@ -77,7 +82,8 @@ def _make_standing_job(job: Job) -> Job:
 
 
 def _make_bench_orders(settings: list[tuple[float, float]]) -> TimedOrders:
-    """Calibrating runs of two settings, a minute each: as long as safety lets one last."""
+    """Returns calibration runs of two settings, a minute each, which is as long as safety
+    permits."""
     orders: list[tuple[float, Order]] = [(1.0, Order(Do.READY))]
     for pair in range(0, len(settings), 2):
         begin = 5.0 + 61.0 * pair
@@ -86,7 +92,7 @@ def _make_bench_orders(settings: list[tuple[float, float]]) -> TimedOrders:
         ]
         orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
         for k, (rpm, mm) in enumerate(settings[pair : pair + 2]):
-            # the run may begin late: the noise of the speed forbids it at times
+            # The command is repeated, because the noise of the speed forbids the begin at times.
             for again in range(REPEATS):
                 at = begin + 0.1 + 59.0 * k + CONFIRM_PERIOD_S * again
                 orders += [

@@ -1,4 +1,6 @@
-"""The user's settings for the console: read once, written when the Settings screen changes them."""
+"""How are the user's settings for the console stored? They are read once, and written when the
+Settings screen changes them.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,8 @@ from topdress.drivers.files.settings_theme import read_themes
 
 
 def read_settings_store() -> SettingsStore:
-    """The user's settings. Never raises: a broken file is reported by the store, and left as it
-    is."""
+    """Returns the user's settings. Never raises: the store reports a broken file, and does not
+    change it."""
     path = find_settings_path()
     read = read_settings(path)
     themes, wrong = read_themes(path.parent / "themes")

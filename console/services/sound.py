@@ -1,4 +1,4 @@
-"""Sounds of alarms: a command of the user's own, started and left to itself."""
+"""How do alarms sound? A command of the user is started and not waited for."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import subprocess
 
 
 class SoundPlayer:
-    """Plays one sound at a time; a request during a sound is left out."""
+    """Plays one sound at a time; a request during a sound is ignored."""
 
     def __init__(self) -> None:
         self._playing: subprocess.Popen[bytes] | None = None
 
     def __call__(self, command: str) -> str:
-        """Why the sound could not be started, one line; empty where it plays, or one plays still.
-        Does not wait for its end."""
+        """Returns the reason why the sound could not be started, one line; empty if it plays, or if
+        another sound still plays. Does not wait for its end."""
         if self._playing is not None and self._playing.poll() is None:
             return ""
         try:
