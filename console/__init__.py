@@ -5,13 +5,13 @@ Files:
 
 - `app`: The console's screens know `console.frame.Frame` and a `FrameSource`
 - `attached`: Who is attached to the control worker, and who gave which order?
-- `cli`: The command line: `topdress --help`
+- `cli`: How is the command line `topdress` built?
 - `frame`: Which data does the control worker send to its consoles?
 - `gc_tuning`: How are long-lived objects kept out of the garbage collection?
 - `import_hooks`: How does a program start quickly?
 - `link`: How does a console communicate with the control worker?
 - `locale`: Translates the texts of the console into the language in use
-- `reports`: What is written for people to read
+- `reports`: Which texts and pictures do people read?
 - `running`: How is the control worker started as a process of its own
 - `scale`: Which colours do rates, errors and passes have?
 - `serve`: Serves the console to browsers

@@ -1,47 +1,47 @@
-"""The command line: `topdress --help`. Each command has a file of its own, imported where it is
-asked for; what is heavy is imported when it runs.
+"""How is the command line `topdress` built? Each command has a file of its own, which is imported
+only when it is requested; slow modules are imported when it runs.
 
 Files:
 
-- `at_the_bench`: The person at the bench: the shaft turns under the control loop's interlocks
-- `calibrate`: `topdress calibrate`: bench tables and run logs to a new machine file
-- `check`: `topdress check`
-- `check_range`: Which rates of a job a machine cannot give at the job's speeds
-- `compare`: `topdress compare`: the errors of two machine files on logs that neither was fitted to
-- `decode`: `topdress decode`: a raw capture through its real driver
-- `devices`: `topdress devices`: which ports there are, and what speaks on them
-- `diagnose`: `topdress diagnose`: what the machine model gets wrong on measured data, why
-- `drop_by_hand`: `topdress calibrate lag --rig URL` without a board
-- `effects`: `topdress effects`: the catalogue
-- `encoder`: `topdress calibrate encoder --board URL`
-- `field`: `topdress field`: outlines
-- `fleet`: `topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster
-- `history`: `topdress history`: what diagnoses changed in a machine file, side by side
-- `import_log`: `topdress import`: the log of any machine as a run log
-- `info`: `topdress info` and `topdress extras`
-- `inputs`: What a command is given to read, held against what it reads before anything is done
-- `lag_rig`: `topdress calibrate lag --rig URL`
-- `line_output`: Lines for whoever reads standard output, without waiting for them
-- `live`: `topdress live`: what the machine does, as lines of JSON on stdout, on a local socket
-- `machine`: `topdress machine --from LOG`
-- `map`: `topdress map`: prescriptions read, summarised and converted
-- `outputs`: What a command is about to write, held against what it reads and what is there already
-- `plain_errors`: Errors of a command in plain lines on stderr and a non-zero exit
+- `at_the_bench`: How does a person at the bench turn the shaft?
+- `calibrate`: How does `topdress calibrate` make a new machine file from bench tables and run logs?
+- `check`: How does `topdress check` report errors of configuration files
+- `check_range`: Which rates of a job can a machine not apply at the job's speeds?
+- `compare`: How does `topdress compare` show the errors of two machine files on logs to which
+- `decode`: How does `topdress decode` read a raw capture through its real driver?
+- `devices`: How does `topdress devices` list ports and the devices on them?
+- `diagnose`: How does `topdress diagnose` show the errors of the machine model on measured data
+- `drop_by_hand`: How does `topdress calibrate lag --rig URL` work without a board?
+- `effects`: How does `topdress effects` list the catalogue?
+- `encoder`: How does `topdress calibrate encoder --board URL` count pulses per turn of the
+- `field`: How does `topdress field` convert outlines
+- `fleet`: How does `topdress fleet` diagnose a season of logs of many machines
+- `history`: How does `topdress history` show the changes of a machine file by diagnoses
+- `import_log`: How does `topdress import` convert the log of any machine to a run log
+- `info`: How do `topdress info` and `topdress extras` list the installation
+- `inputs`: Which kinds of files and suffixes does a command accept?
+- `lag_rig`: How does `topdress calibrate lag --rig URL` run the lag test on real devices and write
+- `line_output`: How are lines written to standard output without waiting for their reader?
+- `live`: How does `topdress live` publish the state of the machine as lines of JSON on stdout
+- `machine`: How does `topdress machine --from LOG` make a first machine file of one stage?
+- `map`: How does `topdress map` read, summarise and convert prescriptions
+- `outputs`: Which files will a command write?
+- `plain_errors`: How do commands report errors?
 - `plain_output`: What commands say: on a terminal or to a pipe
-- `progress`: How far along a command is, with the time left
-- `record`: `topdress record`: passes as lines of a farm record
-- `replay`: `topdress replay`: a run log on the screen
-- `reproduce`: `topdress reproduce`: the papers' tables and figures, published next to obtained
-- `run`: `topdress run`: the console on a running or newly started control worker
-- `screens`: From the command line to the screens
-- `serve`: `topdress serve`: the console in a browser
-- `serve_machine`: `topdress serve-machine`
-- `simulate`: `topdress simulate`: a closed-loop run on the machine model, as fast as it goes
-- `tablet`: One tab of `topdress serve`, started by the server
-- `terms`: `--term`: a term written by hand, and what a term is, in words
-- `trial`: `topdress trial`: plots, what a log did in them, what was weighed and harvested
-- `watch`: `topdress watch`: a growing log held against the machine model while the machine works
-- `whole_log`: A run log that stands under another name until it is whole
+- `progress`: How does a command show its progress and the remaining time?
+- `record`: How does `topdress record` write passes as lines of a farm record
+- `replay`: How does `topdress replay` show a run log on the screen
+- `reproduce`: How does `topdress reproduce` show the papers' tables and figures
+- `run`: How does `topdress run` open the console on a running or newly started control worker?
+- `screens`: How does the command line open the screens?
+- `serve`: How does `topdress serve` show the console in a browser
+- `serve_machine`: How does `topdress serve-machine` provide the virtual machine for the real
+- `simulate`: How does `topdress simulate` run the closed loop on the machine model
+- `tablet`: How does one tab of `topdress serve` run?
+- `terms`: How is a term of `--term` parsed, and how are terms explained in words?
+- `trial`: How does `topdress trial` show plots on one page, with applied amounts
+- `watch`: How does `topdress watch` compare a growing log with the machine model while the machine
+- `whole_log`: How does a computed run log get its name only when it is complete?
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from topdress.console.cli.plain_output import replace_streams
 from topdress.console.threads import limit_matrix_threads
 from typer.core import TyperCommand
 
-# Examples that stand under each command's help. A test parses every one of them.
+# Examples below each command's help. A test parses every example.
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
         "topdress run",
@@ -153,12 +153,12 @@ Words are completed by the tab key after: topdress --install-completion."""
 
 
 def format_examples(name: str) -> str:
-    """Text below a command's help; each example on a line of its own."""
+    """Returns the text below a command's help, with each example on a line of its own."""
     return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[name])
 
 
-# Help in words: an argument's name says what it is, ranges are written out, no types and signs
-# of Python.
+# The help uses words: an argument's name describes it, ranges are written out, and types and
+# symbols of Python are removed.
 _TYPE_PATTERN = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
 _NUMBER_PATTERN = r"-?[\d.]+(?:e[-+]?\d+)?"
 _RANGE_PATTERN = re.compile(
@@ -167,7 +167,7 @@ _RANGE_PATTERN = re.compile(
 
 
 def describe_ranges(text: str) -> str:
-    """`1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
+    """Returns `1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
 
     def describe_range(found: re.Match[str]) -> str:
         number = {
@@ -183,10 +183,11 @@ def describe_ranges(text: str) -> str:
 
 
 class PlainCommand(TyperCommand):
-    """Prints its help in words: no types, ranges as words."""
+    """Prints its help in words: without types, ranges as words."""
 
     def get_help(self, ctx: Any) -> str:
-        """The help; removed types leave their room, so the texts behind stay in their column."""
+        """Returns the help; removed types leave blanks, so that the following texts stay in their
+        column."""
         said = _TYPE_PATTERN.sub(
             lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
             super().get_help(ctx),
@@ -205,7 +206,7 @@ def _make_typer_app() -> typer.Typer:
     )
 
 
-# by name: the file next to this one, and its function
+# Commands by name, with their file in this folder and their function.
 COMMAND_FUNCTIONS = {
     "run": "run.run_console",
     "replay": "replay.replay_log",
@@ -275,7 +276,7 @@ def _make_main_app() -> typer.Typer:
 
 @cache
 def make_whole_app() -> typer.Typer:
-    """The app with every command; `console.cli.app` is the same."""
+    """Returns the app with every command, which is also `console.cli.app`."""
     app = _add_commands(COMMAND_FUNCTIONS, _make_main_app())
     calibrations = typer.Typer(
         rich_markup_mode=None,
@@ -297,9 +298,11 @@ def __getattr__(name: str) -> Any:
 
 
 def make_asked_app(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
-    """The app with the single command that is asked for, where one is: importing and preparing all
-    of them takes a tenth of the time to the first picture. Help of all, completion and unknown
-    commands load the full app."""
+    """Returns the app with only the requested command.
+
+    Importing and preparing all commands takes a tenth of the time to the first picture. General
+    help, completion and unknown commands load the full app.
+    """
     name = words[0] if words else "run"
     if name not in COMMAND_FUNCTIONS or any(key.endswith("_COMPLETE") for key in environment):
         return make_whole_app()
@@ -307,7 +310,7 @@ def make_asked_app(words: Sequence[str], environment: Mapping[str, str]) -> type
 
 
 def main() -> None:
-    """Run the entry point `topdress`."""
+    """Runs the entry point `topdress`."""
     limit_matrix_threads()
     replace_streams()
     make_asked_app(sys.argv[1:], os.environ)()

@@ -1,5 +1,6 @@
-"""The person at the bench: the shaft turns under the control loop's interlocks, and only while
-a key is held."""
+"""How does a person at the bench turn the shaft? It turns under the control loop's interlocks, and
+only while a key is held down.
+"""
 
 from __future__ import annotations
 
@@ -26,19 +27,19 @@ if TYPE_CHECKING:
     from topdress.drivers.cab import Cab
 
 
-# Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
+# Keys of the terminal are read at once, without waiting for a line, on POSIX and Windows.
 class Keyboard:
     """Reads keys without waiting for a line.
 
-    `read_pressed` gives the text typed since the last call. Nothing where standard input is no
-    terminal; raises KeyboardInterrupt where that terminal has hung up.
+    `read_pressed` returns the text typed since the last call; empty where standard input is no
+    terminal. It raises KeyboardInterrupt for a terminal that was closed.
     """
 
     def __init__(self, there: bool) -> None:
         self.there = there
 
     def read_pressed(self) -> str:
-        """Text typed since the last call."""
+        """Returns the text typed since the last call."""
         if not self.there:
             return ""
         if sys.platform == "win32":
@@ -51,7 +52,7 @@ class Keyboard:
         if not select.select([sys.stdin], [], [], 0.0)[0]:
             return ""
         typed = os.read(sys.stdin.fileno(), 256)
-        # the end of file: nobody can let go of the key any more
+        # After the end of the file a release of the key cannot be detected any more.
         if not typed:
             raise KeyboardInterrupt
         return typed.decode(errors="replace")
@@ -59,7 +60,7 @@ class Keyboard:
 
 @contextlib.contextmanager
 def open_keyboard() -> Iterator[Keyboard]:
-    """Open the keyboard until the end of the block; Ctrl+C still interrupts."""
+    """Yields the open keyboard until the end of the block; Ctrl+C still interrupts."""
     if not sys.stdin.isatty():
         yield Keyboard(False)
         return
@@ -74,7 +75,7 @@ def open_keyboard() -> Iterator[Keyboard]:
         tty.setcbreak(sys.stdin)
         yield Keyboard(True)
     finally:
-        # one that has hung up has nothing to get back
+        # A closed terminal has no settings to restore.
         with contextlib.suppress(termios.error):
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
 
@@ -84,8 +85,11 @@ ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 @contextlib.contextmanager
 def end_on_signals() -> Iterator[None]:
-    """End a command at the bench on any signal as Ctrl+C does, by an exception: the last command to
-    the drives is a stop. A second signal does not interrupt that stop. Raises KeyboardInterrupt."""
+    """Ends a command at the bench by an exception on any signal, as on Ctrl+C, so that the last
+    command to the drives is a stop.
+
+    A second signal does not interrupt that stop. Raises KeyboardInterrupt.
+    """
     is_ending = False
 
     def raise_interrupt(*_: object) -> None:
@@ -108,31 +112,35 @@ def end_on_signals() -> Iterator[None]:
 
 
 def run_attended(host: Host) -> None:
-    """Run the control loop to its end; however that comes, the drives are stopped by a command and
-    not by their own second of silence. Raises KeyboardInterrupt."""
+    """Runs the control loop to its end; in every case a command stops the drives, before their own
+    second of silence would. Raises KeyboardInterrupt."""
     with end_on_signals():
         host.run_until_stopped()
 
 
 BENCH_HZ = 50.0
-HEARD_WITHIN_S = 10.0  # every device must have been heard by then
-CONFIRM_PERIOD_S = 0.2  # the held button is confirmed this often
-# without a key: a refusal that lasts ends the test
+# Time by which every device must have sent a message, s.
+HEARD_WITHIN_S = 10.0
+# Interval at which the held button is confirmed, s.
+CONFIRM_PERIOD_S = 0.2
+# Without a key, a refusal that lasts for this time ends the test, s.
 PATIENCE_S = 5.0
 HOLD_KEY = " "
 
 
 class NullLogWriter:
-    """Keeps no log: the table is the record of this test."""
+    """Stores no log, because the table is the record of this test."""
 
     ok = True
     trouble = ""
     path, cut_short = Path(), None
 
     def append(self, row: LogRow) -> None:
+        """Discards the row."""
         pass
 
     def close(self) -> None:
+        """Does nothing."""
         pass
 
 
@@ -142,8 +150,11 @@ def make_host(
     clock: Callable[[], float],
     between: Callable[[float], None],
 ) -> tuple[Host, Cab]:
-    """The control loop with every interlock on the devices of a cab file that are there (`urls` by
-    name), its board with the machine's limits; and its cab. Nothing is logged."""
+    """Returns the control loop with every interlock, and its cab.
+
+    The devices are those of a cab file that exist (`urls` by name); the board has the machine's
+    limits. Nothing is logged.
+    """
     from topdress.console.worker.host import Host
     from topdress.console.worker.parts import Assembly, RunNames
     from topdress.control.loop import ControlLoop
@@ -174,24 +185,24 @@ def make_host(
 
 
 def show_progress(text: str) -> None:
-    """Show a text on stderr in place of the one before, if it is a terminal; else nothing."""
+    """Shows a text on stderr in place of the previous text, on a terminal only."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r\x1b[K{text}")
         sys.stderr.flush()
 
 
 def print_stderr_line(text: str) -> None:
-    """Print a line on stderr that stays, in place of the progress shown."""
+    """Prints a permanent line on stderr in place of the progress text."""
     show_progress("")
     typer.echo(text, err=True)
 
 
 class BenchOperator:
-    """Stands for the person at the bench: between ticks it holds the button down while the space
-    bar is.
+    """Acts for the person at the bench: between ticks it holds the button down while the space bar
+    is pressed.
 
-    `trouble`: why it was given up; `refusal`: why the held key turns nothing. A subclass says in
-    `follow_frame` what is done once the machine is ready.
+    `trouble` is the reason why the test ended, `refusal` the reason why the held key turns nothing.
+    A subclass defines in `follow_frame` the actions once the machine is ready.
     """
 
     host: Host
@@ -213,16 +224,16 @@ class BenchOperator:
         self._was_down = self._calibrated = False
 
     def follow_frame(self, frame: Frame, now_s: float, pressed: str) -> None:
-        """Act on a tick in which the machine is neither off nor in fault; `pressed`: keys since the
-        last tick."""
+        """Acts on a tick in which the machine is neither off nor in fault; `pressed` are keys since
+        the last tick."""
         raise NotImplementedError
 
     def list_set_points(self) -> Sequence[Order]:
-        """Orders given whenever the shaft is about to turn."""
+        """Returns orders that are given whenever the shaft is about to turn."""
         return ()
 
     def pause_between_ticks(self, seconds: float) -> None:
-        """Wait in the host's pause between two ticks, then act on the newest frame."""
+        """Waits in the host's pause between two ticks, then acts on the newest frame."""
         self._sleep(seconds)
         frame = self.host.newest
         self.host.note_console_heard()
@@ -254,7 +265,7 @@ class BenchOperator:
             )
 
     def hold_button(self, frame: Frame, now_s: float) -> None:
-        """Press or release the button, as the key is now."""
+        """Presses or releases the button, according to the key."""
         calibrating = frame.row.state == State.CALIBRATING
         for order in self.list_set_points() if calibrating and not self._calibrated else ():
             self.send_order(order)
@@ -266,7 +277,8 @@ class BenchOperator:
         if not down or now_s - self._confirmed_s < CONFIRM_PERIOD_S:
             return
         self._confirmed_s = now_s
-        if self._no_key and frame.why_state == "calibration_time":  # the next two minutes
+        # A calibration run lasts two minutes, so the next one begins.
+        if self._no_key and frame.why_state == "calibration_time":
             self.send_order(Order(Do.RELEASE))
         self.host.queue_request(
             Order(Do.CALIBRATE), lambda answer, _: self._take_answer(answer, now_s)
@@ -284,10 +296,10 @@ class BenchOperator:
             self.give_up(self.refusal)
 
     def send_order(self, order: Order) -> None:
-        """Give an order, whatever the answer."""
+        """Gives an order and ignores the answer."""
         self.host.queue_request(order, lambda answer, _: None)
 
     def give_up(self, why: str) -> None:
-        """End the test; the first reason counts."""
+        """Ends the test; the first reason counts."""
         self.trouble = self.trouble or why
         self.host.request_stop("trouble")

@@ -1,5 +1,6 @@
-"""`topdress calibrate`: bench tables and run logs to a new machine file; the old one stays as
-it is."""
+"""How does `topdress calibrate` make a new machine file from bench tables and run logs? The old
+file stays unchanged.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +108,7 @@ def _save_product_test(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Write the product with this test added to its earlier ones."""
+    """Writes the product with this test added to its earlier tests."""
     from topdress.control.calibration.flow_fit import make_catch_test
     from topdress.drivers.files.config import calc_sha256, load_config, save_config
     from topdress.drivers.files.kinds import PRODUCT
@@ -362,16 +363,16 @@ def calibrate_encoder(
 
 
 def _refuse_no_table(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKindError, CommandError: a file that is no bench table, or an output that does
-    not end as a machine file."""
+    """Raises WrongKindError for a file that is no bench table, CommandError for an output without
+    the suffix of a machine file."""
     refuse_other_kinds([data], TABLE_FILE_KINDS)
     refuse_run_log(data, command)
     need_ending("--out", out, ".yaml", ".yml")
 
 
 def _refuse_no_log(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKindError, CommandError: a file that is no run log, or an output that does not
-    end as a machine file."""
+    """Raises WrongKindError for a file that is no run log, CommandError for an output without the
+    suffix of a machine file."""
     refuse_other_kinds([data], RUN_LOG_KINDS)
     refuse_bench_table(data, command)
     need_ending("--out", out, ".yaml", ".yml")
@@ -395,7 +396,7 @@ def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None
 
 
 def _print_fit(found: object, tell: Callable[[], None], as_json: bool) -> None:
-    """Print a fit, as data or in lines."""
+    """Prints a fit, as data or in lines."""
     if as_json:
         print_json(found)
     else:
@@ -410,7 +411,7 @@ TUBE_UNSETTLED = (
 
 
 def _sign_records(machine: Machine, data: Path) -> Machine:
-    """The machine with the checksum of the data in the records of this calibration."""
+    """Returns the machine with the checksum of the data in the records of this calibration."""
     from topdress.drivers.files.config import calc_sha256
 
     checksum = calc_sha256(data)

@@ -1,5 +1,6 @@
-"""`topdress check`: is this configuration file right? And the schemas by which editors know the
-same."""
+"""How does `topdress check` report errors of configuration files, and write the schemas for
+editors?
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
 from topdress.drivers.files.config_error import ConfigError
 
-# The machine of a job where no other file is given, as for `topdress` itself.
+# The machine of a job without another machine file, as for `topdress` itself.
 SHIPPED_MACHINE = "huanghai"
 
 if TYPE_CHECKING:
@@ -69,14 +70,14 @@ def check_files(
 
 
 def list_kinds_by_name() -> dict[str, Any]:
-    """The kinds of configuration files by the short name of their format."""
+    """Returns the kinds of configuration files by the short name of their format."""
     from topdress.drivers.files.kinds import KINDS
 
     return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
 
 
 def format_schema(name: str) -> str:
-    """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
+    """Returns the JSON schema of a kind, by its short name or its format. Raises CommandError."""
     from topdress.drivers.files.config import make_json_schema
 
     kinds = list_kinds_by_name()
@@ -87,7 +88,7 @@ def format_schema(name: str) -> str:
 
 
 def write_all_schemas(folder: Path) -> None:
-    """Write `<kind>.json` for every kind, whole or not at all. Raises OSError."""
+    """Writes `<kind>.json` for every kind, completely or not at all. Raises OSError."""
     from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -129,8 +130,8 @@ def _check_named_files(files: list[str], as_json: bool) -> None:
 
 
 def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any] | None:
-    """The kind and the content of one configuration file; None for a task file, or where it is
-    wrong. Adds a line to `notes` or `wrong` for each finding."""
+    """Returns kind and content of one configuration file; None for a task file, and for a wrong
+    file. Appends a line to `notes` or `wrong` for each finding."""
     from topdress.drivers.files.config import load_any_config
     from topdress.drivers.files.kinds import JOB, KINDS
 
@@ -169,7 +170,8 @@ def _refuse_no_configuration(path: Path) -> None:
 
 
 def _list_task_content(path: Path) -> list[str] | None:
-    """Content of a task file, its folder or its zip, a line each; None for any other file."""
+    """Returns the contents of a task file, its folder or its zip, one line each; None for any other
+    file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return None
     from topdress.drivers.files.imports.task_log import describe_task_file
@@ -178,8 +180,8 @@ def _list_task_content(path: Path) -> list[str] | None:
 
 
 def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
-    """Note the parts of a job's map that will not be applied as they stand, under its ceiling too.
-    Returns the faults of the files that the job names, a line each."""
+    """Notes the parts of a job's map that will not be applied unchanged, also because of its
+    ceiling. Returns the faults of the files that the job names, one line each."""
     from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load_config
@@ -216,13 +218,13 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 
 
 def _find_job_notes(loaded: Any) -> list[str]:
-    """Notes on a job before work: strips that are missing or doubtful, the crop's stage."""
+    """Returns notes on a job before work: missing or doubtful strips, and the crop's stage."""
     from topdress.control.agronomy.strips import calc_measured_index, find_index_doubt
     from topdress.drivers.files.setup import describe_growth, load_setup
 
     try:
         setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.read_today())
-    # reported with the crop, or when the job is started
+    # The error is reported with the crop, or when the job is started.
     except ConfigError:
         return []
     found = [describe_growth(setup.growth), "" if setup.n_year is None else setup.n_year.text]
@@ -259,15 +261,16 @@ def _find_job_notes(loaded: Any) -> list[str]:
 
 
 def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
-    """Notes whether the heads of each cab, or where none is given the simulated ones, give what the
-    job's crop needs."""
+    """Returns notes on whether the heads of each cab, or without a cab the simulated heads, have
+    the index that the job's crop needs."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP
     from topdress.drivers.files.setup import find_index_disagreements
 
     try:
         crop = load_config(job.model.crop, CROP, base=job.path.parent).model
-    except ConfigError:  # reported with the job
+    # The error is reported with the job.
+    except ConfigError:
         return []
     return [
         line for cab in cabs or [None] for line in find_index_disagreements(cab, crop, job.model)
@@ -275,11 +278,11 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
 
 
 def _check_job_rates(job: Any, machine_file: str) -> list[str]:
-    """Notes on the rates of a job that the machine of a file cannot give."""
+    """Returns notes on the rates of a job that the machine of a file cannot apply."""
     from topdress.console.cli.check_range import find_range_notes
     from topdress.drivers.files.setup import load_setup
 
-    # What cannot be read is reported with the job.
+    # Unreadable files are reported with the job.
     with suppress(ConfigError, ValueError, OSError):
         setup = load_setup(machine_file, job.path, day_clock.read_today())
         return [f"{job.path}: note: {line}" for line in find_range_notes(setup)]
@@ -287,12 +290,13 @@ def _check_job_rates(job: Any, machine_file: str) -> list[str]:
 
 
 def _check_products(machine: Any, jobs: list[Any]) -> list[str]:
-    """Notes on the jobs' products on this machine."""
+    """Returns notes on the jobs' products on this machine."""
     from topdress.drivers.files.setup import describe_product, load_job_product
 
     found = []
     for job in jobs:
-        with suppress(ConfigError):  # reported with the job
+        # The error is reported with the job.
+        with suppress(ConfigError):
             product = load_job_product(job.model, job.path.parent)
             note = "" if product is None else describe_product(product.model, machine)
             found += [f"{job.path}: note: {note}"] if note else []
@@ -300,7 +304,8 @@ def _check_products(machine: Any, jobs: list[Any]) -> list[str]:
 
 
 def _find_keymap_fault(model: BaseModel) -> str:
-    """The fault of the keys of a settings file, one line; empty for files of other kinds."""
+    """Returns the fault of the keys of a settings file, one line; empty for files of other
+    kinds."""
     from topdress.drivers.files.settings import Settings
 
     if not isinstance(model, Settings) or not model.keymap:

@@ -1,4 +1,6 @@
-"""Which rates of a job a machine cannot give at the job's speeds, for `topdress check`."""
+"""Which rates of a job can a machine not apply at the job's speeds? `topdress check`
+reports them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ MPS_PER_KMH = 1.0 / 3.6
 
 
 def find_range_notes(setup: Setup) -> list[str]:
-    """One line for each rate of the job that lies beyond the machine's range at a speed of the job.
+    """Returns one line for each rate of the job that is beyond the machine's range at a speed of
+    the job.
 
     Raises PrescriptionError, OSError where the job's map cannot be read.
     """
@@ -40,7 +43,7 @@ def find_range_notes(setup: Setup) -> list[str]:
 
 
 def _list_speeds_kmh(job: Job) -> list[float]:
-    """The planned speeds of the passes; where none is planned, the simulated one."""
+    """Returns the planned speeds of the passes, km/h; the simulated speed if none is planned."""
     planned = job.planned_speed_kmh
     if planned is None:
         return [job.simulated.speed_kmh]
@@ -48,7 +51,7 @@ def _list_speeds_kmh(job: Job) -> list[float]:
 
 
 def _find_extreme_rates(setup: Setup) -> list[tuple[str, float]]:
-    """The lowest and the highest rate above 0 of each source of the job, with its name."""
+    """Returns the lowest and the highest rate above 0 of each source of the job, with its name."""
     job, crop = setup.job, setup.crop
     target = job.target
     rates: list[tuple[str, float | None]] = [("headland rate", job.field.headland_rate_kg_ha)]

@@ -1,4 +1,6 @@
-"""`topdress compare`: the errors of two machine files on logs that neither was fitted to."""
+"""How does `topdress compare` show the errors of two machine files on logs to which neither was
+fitted?
+"""
 
 from __future__ import annotations
 
@@ -101,8 +103,8 @@ def _compare_on_logs(
 
 
 def _note_fitted_logs(path: Path, *machines: Machine) -> list[str]:
-    """A note for a log from which one of the files was made: its own error there says nothing about
-    other logs."""
+    """Returns a note for a log from which one of the files was made, because its error on that log
+    does not predict errors on others."""
     from topdress.drivers.files.config import calc_sha256
 
     own = {

@@ -1,4 +1,4 @@
-"""`topdress decode`: a raw capture through its real driver."""
+"""How does `topdress decode` read a raw capture through its real driver?"""
 
 from __future__ import annotations
 

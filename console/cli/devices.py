@@ -1,4 +1,4 @@
-"""`topdress devices`: which ports there are, and what speaks on them."""
+"""How does `topdress devices` list ports and the devices on them?"""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def list_devices(
 
 
 def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
-    """Describes what speaks at a port; and whether it could be opened."""
+    """Returns a description of the device at a port, and whether the port could be opened."""
     from topdress.drivers.devices.probe import probe_port
     from topdress.drivers.ports import open_port
 

@@ -1,5 +1,6 @@
-"""`topdress diagnose`: what the machine model gets wrong on measured data, why, and what
-putting it right gains."""
+"""How does `topdress diagnose` show the errors of the machine model on measured data, their causes,
+and the gain of a correction?
+"""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
     from topdress.drivers.files.setup import Setup
 
 
-# What `diagnose --adopt` writes: all that is decided, and of what is undecided only what is
-# picked by its name.
+# `diagnose --adopt` writes everything that is decided, and of the undecided causes only those
+# selected by name.
 def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
     """Raises CommandError, before minutes of work, for names that no diagnosis could give."""
     from topdress.control.machine.machine import CATALOGUE
@@ -57,8 +58,8 @@ def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
 def try_adoption(
     found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
 ) -> tuple[Diagnosis, Exception | None]:
-    """The diagnosis with the machine file that was written; and, where none was, the exception with
-    which the command ends."""
+    """Returns the diagnosis with the machine file that was written; without a file also the
+    exception with which the command ends."""
     try:
         return adopt_findings(found, machine, data, out, picked), None
     except (ValueError, OSError, CommandError, typer.Exit) as why:
@@ -68,11 +69,11 @@ def try_adoption(
 def adopt_findings(
     found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
 ) -> Diagnosis:
-    """Write the machine file and print on stderr what it adopts, what not and why, and how to undo
-    it.
+    """Writes the machine file, and prints on stderr the adopted and the refused findings, the
+    reasons, and how to undo the change.
 
-    Raises ValueError for a finding that holds in a part of the data only, CommandError for a name
-    that cannot be picked, typer.Exit where nothing is left to adopt.
+    Raises ValueError for a finding that applies to a part of the data only, CommandError for a name
+    that cannot be selected, typer.Exit if nothing remains to adopt.
     """
     from topdress.console.reports.diagnosis_wording import describe_whole, describe_whole_gain
     from topdress.console.reports.term_words import compare_side_by_side
@@ -85,7 +86,7 @@ def adopt_findings(
         refuse_to_adopt(cause)
     for name in picked:
         _refuse_pick(name, found, out)
-    # by name: then not what predicts best without one
+    # A selection by name excludes the unnamed correction with the best prediction.
     if picked:
         found = dataclasses.replace(
             found, fitted=None, terms=tuple(one for one in found.terms if not one.predicts_best)
@@ -116,12 +117,14 @@ def adopt_findings(
 
 
 def _is_adopted(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
-    """Whether a cause goes into the file; prints why where it does not, and that it was picked."""
+    """Returns whether a cause is written into the file; prints the reason if not, and that it was
+    selected."""
     from topdress.console.reports.diagnosis_wording import is_undecided
     from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable
 
     if is_taken_whole(found, cause):
-        return False  # said with the whole
+        # The fit of the whole drive reports this effect.
+        return False
     if why := not_adoptable(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
         return False
@@ -149,7 +152,7 @@ def _describe_doubt(cause: Cause) -> str:
 
 
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
-    """Raises CommandError."""
+    """Raises CommandError with the reason."""
     from topdress.console.reports.diagnosis_wording import is_undecided
     from topdress.control.diagnosis.extend import not_adoptable
 
@@ -192,7 +195,7 @@ def _make_empty_exit(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
 
 
 def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
-    """The file's comment on causes that were picked although the data does not decide."""
+    """Returns the file's comment on causes that were selected although the data do not decide."""
     from topdress.console.reports.diagnosis_wording import is_undecided
 
     return "\n".join(
@@ -202,7 +205,8 @@ def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> st
     )
 
 
-PARALLEL_GROUPS = 2  # groups of channels judged at the same time
+# Number of groups of channels that are judged in parallel.
+PARALLEL_GROUPS = 2
 
 
 def run_diagnose(
@@ -304,7 +308,8 @@ def run_diagnose(
         )
     elif adopt is not None:
         found, refused = try_adoption(found, loaded, data, adopt, picked)
-    _write_result(found, several, as_json, report, tools)  # whatever became of the adoption
+    # The result is written even if the adoption failed.
+    _write_result(found, several, as_json, report, tools)
     if setup is not None and closed_loop is not None:
         for line in _simulate_findings(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
@@ -328,8 +333,8 @@ def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None)
 
 
 def _is_run_data(data: list[Path]) -> bool:
-    """Whether the data is a run log of any program, by the import where its columns have no names;
-    else a bench table."""
+    """Returns whether the data are a run log of any program, by the import where its columns have
+    no names; otherwise they are a bench table."""
     from topdress.drivers.files.opened import FileContent
 
     file = FileContent(data[0])
@@ -337,17 +342,17 @@ def _is_run_data(data: list[Path]) -> bool:
 
 
 def _read_log_columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
-    """A log's columns that a diagnosis reads, and notes on odd data."""
+    """Returns a log's columns that a diagnosis reads, and notes on odd data."""
     from topdress.control.diagnosis.runs.log import UNREAD
     from topdress.control.log_row import TEXT_COLUMNS
     from topdress.drivers.files.any_log import open_any_log
 
-    # numbers are examined, and what is odd about them is said
+    # Numbers are examined, and their oddities are reported.
     log = open_any_log(path, UNREAD & TEXT_COLUMNS)
     odd = [
         str(finding)
         for finding in log.findings
-        # what the machine has not got is not missed
+        # A column of a stage that the machine does not have is not missing.
         if finding.id != "missing" or not machine.stages
     ]
     return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
@@ -369,13 +374,14 @@ def _diagnose_run_log(data: Path, machine: Machine, seed: int) -> tuple[Diagnosi
                 each=pool.map,
             )
         said = found.findings
-    finally:  # what the report says itself is said once
+    # Notes that the report contains are printed only once.
+    finally:
         print_note_lines(one for one in odd if one not in said)
     return found, {"columns": columns, "machine": machine}
 
 
 def _diagnose_several_logs(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
-    """Diagnose logs of one machine: effects that they share, and each log's own."""
+    """Returns the diagnosis of logs of one machine: effects that they share, and each log's own."""
     from topdress.control.diagnosis.runs.several import diagnose_runs, join_logs
 
     twice = next(
@@ -444,8 +450,8 @@ def _load_job_setup(machine: str, job: str) -> Setup:
 
 
 def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
-    """Simulate control with and without knowing the effects. The sizes found are taken for true, so
-    the result is the worth of knowing them, not whether they are right."""
+    """Simulates control with and without knowledge of the effects. The sizes found are used as the
+    true sizes, so the result is the value of knowing them and no proof that they are right."""
     from topdress.control.diagnosis.extend import extend, make_planted_effects
     from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
 

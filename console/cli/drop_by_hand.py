@@ -1,5 +1,6 @@
-"""`topdress calibrate lag --rig URL` without a board: the machine's own drive turns, the rig
-times the drop."""
+"""How does `topdress calibrate lag --rig URL` work without a board? The machine's own drive turns
+the shaft, and the rig measures the drop time.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ PHASE_WORDS = {
 
 
 def measure_drop(rig: str, out: Path, runs: int) -> None:
-    """Measure `runs` runs and write `out`; interrupted, the measured runs stay there. Raises
-    CommandError."""
+    """Measures `runs` runs and writes `out`; after an interruption the measured runs stay in the
+    file. Raises CommandError."""
     from topdress.drivers.cab import Cab, CabConfig
     from topdress.drivers.devices.lag_run import DropProcedure, make_drop_table
     from topdress.drivers.files.atomic import write_atomically

@@ -1,4 +1,4 @@
-"""`topdress effects`: the catalogue."""
+"""How does `topdress effects` list the catalogue?"""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def list_effects(
 
 
 def _note_plugin_effects() -> None:
-    """Print the effects that other packages add; one that cannot be loaded is a note on stderr."""
+    """Prints the effects that other packages add; an effect that cannot be loaded is a note on
+    stderr."""
     for name in plugins.find_entry_points("effects"):
         try:
             plugin = plugins.find_effect(name)

@@ -1,5 +1,6 @@
-"""`topdress calibrate encoder --board URL`: counts a turn of the metering shaft, to a line of
-the board's settings."""
+"""How does `topdress calibrate encoder --board URL` count pulses per turn of the metering shaft,
+and print a line for the board's settings?
+"""
 
 from __future__ import annotations
 
@@ -34,10 +35,11 @@ if TYPE_CHECKING:
     from topdress.control.calibration.least_squares import FittedInterval
 
 TICK_PERIOD_S = 0.02
-ANSWER_TIMEOUT_S = 2.0  # of a board that is heard: some 40 questions
-# of `ShaftTurned`, and its setting
+# Time-out for an answer of a board that sends status lines, s: some 40 requests.
+ANSWER_TIMEOUT_S = 2.0
+# Fields of `ShaftTurned`, with the board's setting for each.
 SHAFT_COUNTERS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))
-# of a press, at the machine's slowest speed: a short one is some 15 degrees
+# Duration of a press at the machine's slowest speed, s: a short press turns some 15 degrees.
 CREEP_PRESS_S = 1.0
 ENTER_KEYS = "\r\n"
 
@@ -45,8 +47,8 @@ ENTER_KEYS = "\r\n"
 def count_encoder(
     board: str, *, turns: int, repeats: int, rpm: float | None, machine: str, out: Path
 ) -> None:
-    """Count, print and write. Raises CommandError and ValueError with one line; nothing is written
-    then."""
+    """Counts, prints and writes. Raises CommandError and ValueError with one line; nothing is
+    written then."""
     with open_keyboard() as keyboard:
         if not keyboard.there:
             raise CommandError(
@@ -72,7 +74,7 @@ def count_encoder(
 
 
 def _print_setting(setting: str, fit: FittedInterval, believed: float) -> str:
-    """The line for the board, which is also printed."""
+    """Returns the line for the board, which is also printed."""
     typer.echo(
         f"{setting}  {fit.value:.2f} (90 %: {fit.low:.2f} to {fit.high:.2f}); the board "
         f"takes {believed:g}, "
@@ -82,11 +84,12 @@ def _print_setting(setting: str, fit: FittedInterval, believed: float) -> str:
 
 
 class MarkCounter:
-    """Counts from Enter to Enter: how far the shaft turned from a mark to the same mark `turns`
-    turns on, `repeats` times."""
+    """Counts between presses of Enter: the turn of the shaft from a mark to the same mark after
+    `turns` turns, `repeats` times."""
 
     def __init__(self, board: str, turns: int, repeats: int, *, by_hand: bool) -> None:
-        self._shown = ""  # how far since the newest mark
+        # The progress since the newest mark, as displayed.
+        self._shown = ""
         self._board, self._turns, self._repeats, self._by_hand = board, turns, repeats, by_hand
         self._marks: list[ShaftTurned] = []
         self._newest: ShaftTurned | None = None
@@ -104,8 +107,8 @@ class MarkCounter:
         return len(self._marks) > self._repeats
 
     def list_counts(self) -> list[tuple[str, list[int], float]]:
-        """Of encoder and stepper, as far as they are there: the setting, the counts of each run,
-        the counts that the board takes for a turn."""
+        """Returns for encoder and stepper, if they are fitted: the setting, the counts of each run,
+        and the counts per turn in the board's settings."""
         return [
             (
                 setting,
@@ -116,7 +119,8 @@ class MarkCounter:
         ]
 
     def follow_tick(self, cab: Cab, now_s: float, pressed: str, refusal: str = "") -> None:
-        """Ask the board, take its answer and the keys, show the progress. Raises CommandError."""
+        """Requests the counts, handles the answer and the keys, and shows the progress. Raises
+        CommandError."""
         turned, line = cab.request_turned(), cab.find_device_line("board")
         assert line is not None
         state = line.port.state()
@@ -151,7 +155,7 @@ class MarkCounter:
             show_progress(shown)
 
     def _find_counters(self, turned: ShaftTurned) -> list[tuple[str, str]]:
-        """The counters that count. Raises CommandError where none does."""
+        """Returns the counters that count. Raises CommandError if none does."""
         found = [
             (name, setting)
             for name, setting in SHAFT_COUNTERS
@@ -192,13 +196,13 @@ class MarkCounter:
 
 
 def _calc_counts(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
-    """Counts or steps between the two, over their wrap."""
+    """Returns the counts or steps between two answers, across their wrap."""
     way: int = (getattr(later, name) - getattr(one, name)) % COUNTER_MODULUS
     return way - COUNTER_MODULUS if way >= COUNTER_MODULUS // 2 else way
 
 
 def _count_by_hand(board: str, count: MarkCounter, keyboard: Keyboard) -> None:
-    """Count while the shaft is turned by hand: nothing that turns it is sent."""
+    """Counts while the shaft is turned by hand; no command that turns it is sent."""
     cab = Cab(CabConfig.model_validate({"board": {"port": board}}), time.monotonic)
     with end_on_signals():
         try:
@@ -214,7 +218,7 @@ def _count_by_hand(board: str, count: MarkCounter, keyboard: Keyboard) -> None:
 
 class DriveOperator(BenchOperator):
     """Turns the shaft by the drive while the space bar is held, under the control loop's
-    interlocks: a short press creeps to the mark."""
+    interlocks; a short press moves it slowly to the mark."""
 
     cab: Cab
     error: CommandError | None = None

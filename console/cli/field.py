@@ -1,5 +1,6 @@
-"""`topdress field`: outlines, obstacles and guidance lines of other programs as the job's
-field, and out again."""
+"""How does `topdress field` convert outlines, obstacles and guidance lines of other programs to the
+job's field, and back?
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from topdress.console.cli.plain_output import AsJson, print_json
 if TYPE_CHECKING:
     from topdress.drivers.files.fields.field_data import FieldData
 
-# done ground this far from the job's field is another field's
+# Distance of worked ground from the job's field beyond which it belongs to another field, m.
 FAR_GROUND_M = 1000.0
 FIELD_KINDS = FileKinds(
     ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
@@ -156,7 +157,8 @@ def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, sou
 
 
 def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) -> None:
-    """Put done ground into a job, as the file that it names: it is read anew at each start."""
+    """Writes worked ground into a job as a file name, because the file is read again at
+    each start."""
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load_config, save_config
     from topdress.drivers.files.fields.worked_area import read_worked_area

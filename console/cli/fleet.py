@@ -1,4 +1,6 @@
-"""`topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster."""
+"""How does `topdress fleet` diagnose a season of logs of many machines, on this computer or a Dask
+cluster?
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,10 @@ if TYPE_CHECKING:
     from topdress.console.services.fleet_metadata import ListedLogs
 
 REPORT_NAME = "report.html"
-# between two lines of progress where there is no terminal
+# Interval of progress lines without a terminal, s.
 PROGRESS_PERIOD_S = 30.0
-MOST_LISTED_ROWS = 20  # rows of the list that are of no log
+# Number of listed rows that belong to no log.
+MOST_LISTED_ROWS = 20
 
 
 def run_fleet(
@@ -130,7 +133,7 @@ def run_fleet(
         try:
             found = diagnose_fleet(client, logs, asked, out, _make_progress())
         except KeyboardInterrupt:
-            # a second one waits for no worker
+            # A second Ctrl-C waits for no worker.
             signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))
             typer.echo(
                 f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True
@@ -152,7 +155,7 @@ def run_fleet(
 
 
 def _parse_store_options(said: list[str]) -> dict[str, str]:
-    """NAME=VALUE options, as fsspec takes them."""
+    """Returns NAME=VALUE options as fsspec takes them."""
     for one in said:
         if not one.partition("=")[0] or "=" not in one:
             raise CommandError(f"--storage-option {one}: allowed is NAME=VALUE, as anon=true")
@@ -223,8 +226,7 @@ def _print_season(
 
 
 def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
-    """The list's rows by log. Columns that are missing, and rows without a log, are printed
-    here."""
+    """Returns the list's rows by log. Missing columns, and rows without a log, are printed here."""
     from topdress.console.services.fleet_metadata import LIST_COLUMNS, match_rows
     from topdress.drivers.files.table import read_table
 
@@ -263,8 +265,8 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
 
 
 def _make_progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
-    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever reads
-    it later."""
+    """Returns a function that shows progress: a line that is rewritten on a terminal, elsewhere a
+    line from time to time."""
     line, said_s = ProgressLine(), [clock()]
 
     def show_count(done: int, of: int, what: str) -> None:

@@ -1,5 +1,6 @@
-"""`topdress history`: what diagnoses changed in a machine file, side by side; the last of it
-taken back."""
+"""How does `topdress history` show the changes of a machine file by diagnoses, and undo the last
+change?
+"""
 
 from __future__ import annotations
 

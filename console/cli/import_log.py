@@ -1,5 +1,6 @@
-"""`topdress import`: the log of any machine as a run log; with --guess the first import file
-for it."""
+"""How does `topdress import` convert the log of any machine to a run log, and write a first import
+file with --guess?
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from topdress.drivers.files.imports.raw import RawTable
 
 
-_ImportAnswer = tuple[dict[str, Any], list[str]]  # as data, and as lines
+# The answer as data, and as lines.
+_ImportAnswer = tuple[dict[str, Any], list[str]]
 
 
 class _ImportOptions(NamedTuple):
@@ -152,7 +154,7 @@ def _check_source_options(
     log: str | None,
     values_from: str | None,
 ) -> dict[str, str]:
-    """The options on the reading, as `source` of an import file has them."""
+    """Returns the options about reading, as `source` of an import file has them."""
     if values_from not in (None, "ddi", "presentation"):
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
     given = {
@@ -175,7 +177,7 @@ def _choose_guess_path(files: list[Path], mapping: Path | None, out: Path | None
 
 
 def _find_full_values(machine: str | None) -> dict[str, float]:
-    """The full value of each drive's columns, by a machine file."""
+    """Returns the full value of each drive's columns, by a machine file."""
     if machine is None:
         return {}
     limits = load_machine(machine).limits
@@ -204,8 +206,7 @@ def _write_guess(
 
 
 def _list_element_notes(raw: RawTable) -> list[str]:
-    """Notes on the machine parts by which columns are named, where there is a question about
-    them."""
+    """Returns notes on the machine parts in columns' names, where a question about them is open."""
     return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
@@ -219,7 +220,7 @@ def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, I
 
 
 def _list_read_files(files: list[Path]) -> list[Path]:
-    """The files with the companions of a shapefile and the files of a task."""
+    """Returns the files with the companions of a shapefile and the files of a task."""
     from topdress.drivers.files.archives import list_opened_files
 
     return [one for path in files for one in list_opened_files(path)]
@@ -272,8 +273,8 @@ def _list_written_files(out: Path) -> tuple[Path, ...]:
 
 
 def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
-    """Whether a run log is only converted to the other form: text to Parquet, or Parquet of ours to
-    text."""
+    """Returns whether a run log is only converted to the other format: text to Parquet, or
+    topdress's Parquet to text."""
     from topdress.drivers.files.log_store import STORE_SUFFIXES, is_log_store
     from topdress.drivers.files.opened import FileContent
 
@@ -304,8 +305,8 @@ def _copy_log(source: Path, out: Path, force: bool) -> _ImportAnswer:
 def _read_or_guess_mapping(
     files: list[Path], place: Path | None, given: _ImportOptions
 ) -> tuple[RawTable | None, ImportFile]:
-    """The import file; without one, the guess where nothing of it is unsure, and the table by which
-    it was made."""
+    """Returns the import file; without one, a guess in which nothing is unsure, with the table of
+    the guess."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.import_errors import LogImportError
     from topdress.drivers.files.imports.mapping import IMPORT

@@ -1,5 +1,6 @@
-"""`topdress info` and `topdress extras`: what is installed where, for a report of trouble and
-for who misses a part."""
+"""How do `topdress info` and `topdress extras` list the installation, for reports of faults and for
+missing parts?
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""What a command is given to read, held against what it reads before anything is done: kinds of
-files, and endings."""
+"""Which kinds of files and suffixes does a command accept? They are checked before the command does
+anything.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ PDF_HINT = "a browser prints that page to a PDF"
 
 
 class FileKinds(NamedTuple):
-    """Names what a command reads. `kinds`: ids of `file_sniffer`. `words`: for people."""
+    """Names the files that a command reads. `kinds` are ids of `file_sniffer`, `words` the
+    description for people."""
 
     kinds: tuple[str, ...]
     words: str
@@ -58,7 +60,7 @@ CAPTURE_KINDS = FileKinds(
 
 
 def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
-    """Raises WrongKindError in one line for a missing file, or one of another kind; OSError."""
+    """Raises WrongKindError in one line for a missing file, or a file of another kind; OSError."""
     from topdress.drivers.files.file_sniffer import refuse_kind
 
     for file in files:
@@ -66,7 +68,8 @@ def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
 
 
 def load_machine(name: str) -> Machine:
-    """The machine of a machine file, or of the name of a shipped one. Raises ConfigError."""
+    """Returns the machine of a machine file, or of the name of a shipped file. Raises
+    ConfigError."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
@@ -74,7 +77,7 @@ def load_machine(name: str) -> Machine:
 
 
 def need_ending(option: str, path: Path | None, *endings: str) -> None:
-    """Raises CommandError where a name ends otherwise, before anything is read or written."""
+    """Raises CommandError for a name with another suffix, before anything is read or written."""
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         said = "a folder, or a name" if "" in endings else "a name"
         how = f": {PDF_HINT}" if path.suffix.lower() == ".pdf" and ".html" in endings else ""
@@ -85,7 +88,7 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 
 
 def refuse_run_log(table: Path, command: str) -> None:
-    """Raises CommandError for a run log where a bench table is wanted."""
+    """Raises CommandError for a run log where a bench table is needed."""
     from topdress.drivers.files.opened import FileContent
 
     if FileContent(table).holds == "log":
@@ -96,7 +99,7 @@ def refuse_run_log(table: Path, command: str) -> None:
 
 
 def refuse_bench_table(log: Path, command: str) -> None:
-    """Raises CommandError for a bench table where a run log is wanted."""
+    """Raises CommandError for a bench table where a run log is needed."""
     from topdress.drivers.files.opened import FileContent
 
     file = FileContent(log)

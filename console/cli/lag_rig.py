@@ -1,4 +1,6 @@
-"""`topdress calibrate lag --rig URL`: the lag test on real bytes, to a lag bench table."""
+"""How does `topdress calibrate lag --rig URL` run the lag test on real devices and write a lag
+bench table?
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,8 @@ def measure_lag(
     opening_mm: float | None,
     no_key: bool,
 ) -> None:
-    """Run the procedure and write `out`. Raises CommandError; interrupted, the measured runs stay
-    in the table.
+    """Runs the procedure and writes `out`. Raises CommandError; after an interruption the measured
+    runs stay in the table.
 
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
@@ -84,8 +86,8 @@ def measure_lag(
 
 
 class LagOperator(BenchOperator):
-    """Runs the lag test at the bench. `measured`: runs in the table; `left_out`: reasons of the
-    runs that are not."""
+    """Runs the lag test at the bench. `measured` is the number of runs in the table; `left_out`
+    holds the reasons of the abandoned runs."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Lines for whoever reads standard output, without waiting for them."""
+"""How are lines written to standard output without waiting for their reader?"""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import sys
 import threading
 from collections.abc import Callable
 
-# Lines that wait for a reader: some 100 KB, ten seconds of a machine at work. He who takes none
-# misses lines until he does.
+# Number of lines that wait for a reader: some 100 KB, ten seconds of a working machine. A reader
+# that does not read misses lines meanwhile.
 MOST_WAITING_LINES = 100
-POLL_S = 0.25  # how soon a reader is missed who is gone while nothing is written
+# Interval at which a closed reader is detected while nothing is written, s.
+POLL_S = 0.25
 
 
 class LineOutput:
-    """Writes lines on a handle by a thread of its own: a pipe that nobody reads, or a terminal that
-    stands, delays nobody else. It writes past Python's own buffer, whose lock such a write would
-    hold beyond the end of the program."""
+    """Writes lines on a handle by a thread of its own, so that an unread pipe or a stopped terminal
+    delays no other thread.
+
+    It bypasses Python's own buffer, because such a write would hold the buffer's lock beyond the
+    end of the program.
+    """
 
     def __init__(self, handle: int, ended: Callable[[], object]) -> None:
-        """ended: called from the thread once nobody can read any more."""
+        """`ended` is called from the thread after the reader has closed."""
         self._handle, self._ended = handle, ended
         self._lines: queue.Queue[bytes] = queue.Queue(MOST_WAITING_LINES)
         threading.Thread(target=self._write_lines, name="line-output", daemon=True).start()
 
     def queue_line(self, line: bytes) -> None:
-        """Put the line behind those that wait, or drop it where too many do."""
+        """Queues the line, or drops it if too many lines wait."""
         if not self._lines.full():
             self._lines.put_nowait(line)
 
@@ -46,11 +50,11 @@ class LineOutput:
 
 
 def _has_no_reader(handle: int) -> bool:
-    """Whether the other end of a pipe is closed; on Windows only a write finds out."""
+    """Returns whether the other end of a pipe is closed; on Windows only a write detects it."""
     if sys.platform == "win32":
         return False
     ends = select.poll()
-    # poll reports hang-up and error whatever is asked for
+    # poll reports hang-up and error for every mask.
     ends.register(handle, 0)
     gone = select.POLLHUP | select.POLLERR
     return any(events & gone for _handle, events in ends.poll(0))

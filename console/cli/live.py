@@ -1,8 +1,8 @@
-"""`topdress live`: what the machine does, as lines of JSON on stdout, on a local socket, and to
-an MQTT broker.
+"""How does `topdress live` publish the state of the machine as lines of JSON on stdout, on a local
+socket, and to an MQTT broker?
 
-It looks on as any console without the token: it orders nothing, keeps nothing working, and its
-readers are not heard.
+It connects as a console without the token: it gives no orders, does not keep the machine working,
+and ignores input from its readers.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PUBLISHED_FIELDS = (
     "applied_kg",
     "metres_left_m",
     "place_m",
-    # of `console.frame.Frame`
+    # These are fields of `console.frame.Frame`.
     "gnss_age_s",
     "head_ndvi",
     "sections",
@@ -49,18 +49,21 @@ PUBLISHED_FIELDS = (
     "why_state",
     "notes",
 )
-RETRY_S = 2.0  # where no machine runs, or it ended
-# bytes of a reader that does not take them: he misses lines until he does
+# Interval of attempts while no machine runs, s.
+RETRY_S = 2.0
+# Number of waiting bytes of a slow reader; the reader misses lines beyond them.
 MOST_WAITING_BYTES = 1 << 16
-# Programs that read from the socket, where the system allows more. What waits for each is
-# `MOST_WAITING_BYTES` at most.
+# Number of programs that read from the socket, where the system permits so many; at most
+# `MOST_WAITING_BYTES` wait for each.
 MOST_READERS = 1000
-# files of this process itself: its libraries, streams, the machine, a broker
+# Number of open files of this process itself: libraries, streams, the machine, a broker.
 OWN_FILES = 48
-# connections that come at once are taken before the first of them is turned away
+# Number of simultaneous connections that are accepted before the first is refused.
 LISTEN_BACKLOG = 32
-REPEAT_PERIOD_S = 60.0  # between two lines about the same
-LEAVE_TIMEOUT_S = 1.0  # for a broker's last word, and for its connection to end
+# Interval between two lines about the same event, s.
+REPEAT_PERIOD_S = 60.0
+# Time-out for a broker's last message, and for the end of its connection, s.
+LEAVE_TIMEOUT_S = 1.0
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 PASSWORD_VARIABLE = "TOPDRESS_MQTT_PASSWORD"
 ONLINE, FRAME = "online", "frame"
@@ -109,8 +112,8 @@ def publish_live(
 
 
 def select_published(message: dict[str, Any]) -> dict[str, Any]:
-    """The published part of a frame as the worker writes it (`console.frame.format_frame_json`):
-    the columns of the run log, and `PUBLISHED_FIELDS`."""
+    """Returns the published part of a frame of the worker (`console.frame.format_frame_json`): the
+    columns of the run log, and `PUBLISHED_FIELDS`."""
     return {
         "format": LIVE_FORMAT,
         **message["row"],
@@ -119,7 +122,7 @@ def select_published(message: dict[str, Any]) -> dict[str, Any]:
 
 
 class _ObservingLink(Link):
-    """Hands each frame on."""
+    """Passes each frame to a function."""
 
     tell: Callable[[dict[str, Any]], None]
 
@@ -131,12 +134,12 @@ class _ObservingLink(Link):
 async def _publish_until_unread(
     to: list[LineSink], port: int | None, every_s: float, quiet: bool
 ) -> None:
-    """Publish until standard output, if it is written to, has no reader any more. Raises
-    BrokenPipeError then."""
+    """Publishes until standard output, if it is used, has no reader any more; then raises
+    BrokenPipeError."""
     loop, unread = asyncio.get_running_loop(), asyncio.Event()
 
     def note_unread() -> None:
-        # the loop may be closed by now
+        # The loop may already be closed.
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(unread.set)
 
@@ -152,7 +155,7 @@ async def _publish_until_unread(
 
 
 async def _publish_forever(to: list[LineSink], port: int | None, every_s: float) -> None:
-    """Publish the machine that runs, and the next one when it has ended."""
+    """Publishes the frames of the machine that runs, and of the next machine after its end."""
     if port is not None:
         to.append(await _serve_socket(port))
     last_s = -every_s
@@ -182,8 +185,8 @@ async def _publish_forever(to: list[LineSink], port: int | None, every_s: float)
 
 
 async def _serve_socket(port: int) -> LineSink:
-    """A sink to every program that connects, as many as there is room for. Raises OSError where the
-    port is taken."""
+    """Returns a sink to every program that connects, up to a limit. Raises OSError for a port in
+    use."""
     readers: set[asyncio.StreamWriter] = set()
     most, refused = calc_most_readers(), RareLine()
 
@@ -202,7 +205,7 @@ async def _serve_socket(port: int) -> LineSink:
                 one.write(line)
 
     def handle_failure(loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
-        """Report that no more files can be opened: asyncio waits and goes on."""
+        """Reports that no more files can be opened; asyncio waits and continues."""
         error = what.get("exception")
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             refused.print_rarely(f"socket       {error.strerror}: no more programs are let in")
@@ -216,9 +219,9 @@ async def _serve_socket(port: int) -> LineSink:
 
 
 def calc_most_readers() -> int:
-    """Number of programs that may read from the socket: some of the files that this process may
-    have open are for itself, for the machine that it looks for again, and for programs that are
-    turned away."""
+    """Returns the number of programs that may read from the socket. Some of the files that this
+    process may open are reserved for itself, for the search for the machine, and for refused
+    programs."""
     if sys.platform == "win32":
         return MOST_READERS
     import resource
@@ -230,13 +233,13 @@ def calc_most_readers() -> int:
 
 
 class RareLine:
-    """Prints a line on stderr for events that may come a thousand times a second."""
+    """Prints a line on stderr for events that may occur a thousand times a second."""
 
     def __init__(self, every_s: float = REPEAT_PERIOD_S) -> None:
         self._every_s, self._next_s = every_s, -inf
 
     def print_rarely(self, line: str) -> None:
-        """Print the line, unless one was printed in the last `every_s`."""
+        """Prints the line, unless a line was printed in the last `every_s`."""
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = now_s + self._every_s
@@ -245,8 +248,8 @@ class RareLine:
 
 @contextlib.contextmanager
 def _open_broker(url: str) -> Any:
-    """Open a sink to a broker, which may come and go: paho connects anew by itself, and lines of
-    the meantime are not kept. Raises CommandError."""
+    """Returns a sink to a broker, which may disconnect: paho reconnects by itself, and lines in
+    between are dropped. Raises CommandError."""
     from paho.mqtt.client import Client
     from paho.mqtt.enums import CallbackAPIVersion
 
@@ -282,10 +285,10 @@ def _open_broker(url: str) -> Any:
 
 
 def _leave_broker(client: Client, topic: str) -> None:
-    """Tell a connected broker that this ends. One that is away, refuses or does not answer is not
-    waited for: the thread of its connection ends with the process."""
+    """Informs a connected broker of the end. A broker that is disconnected, refuses or does not
+    answer is not waited for; the thread of its connection ends with the process."""
     if client.is_connected():
-        # it may go in this moment
+        # The connection may end at this moment.
         with contextlib.suppress(RuntimeError, ValueError):
             client.publish(topic, "0", retain=True).wait_for_publish(LEAVE_TIMEOUT_S)
     client.disconnect()

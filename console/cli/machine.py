@@ -1,5 +1,6 @@
-"""`topdress machine --from LOG`: a first machine file of one stage, by asking what the log does
-not say."""
+"""How does `topdress machine --from LOG` make a first machine file of one stage? It requests the
+facts that the log does not contain.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +18,17 @@ from topdress.console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from topdress.control.calibration.first_machine import MachineSuggestion
 
-# of a small drive, where neither the log nor anybody says
+# Time constant of a small drive, s, where neither the log nor the user gives one.
 USUAL_TIME_CONSTANT_S = 0.05
-# of times that a log shows: to some rows, or to how far the drive is of first order
+# Relative uncertainty of times from a log, caused by the interval of rows or by a drive that is not
+# exactly of first order.
 TIME_TOLERANCE = 0.05
-# of the comment on top, by which an earlier output is known
+# Beginning of the comment by which an earlier output is recognised.
 HEAD_COMMENT = "Made by topdress machine from"
 
 
 class DrivenPart(StrEnum):
-    """Lists the parts that a drive turns."""
+    """Lists the parts that a drive moves."""
 
     PUMP = "pump"
     WHEEL = "wheel"
@@ -35,13 +37,13 @@ class DrivenPart(StrEnum):
 
 
 class Questionnaire:
-    """Asks on the terminal; `count` questions were asked."""
+    """Asks questions on the terminal; `count` is the number of questions asked."""
 
     def __init__(self, ask: bool) -> None:
         self.ask, self.count = ask, 0
 
     def ask_number(self, given: float | None, question: str, usual: float) -> float:
-        """The number given, else the answer."""
+        """Returns the given number, else the answer."""
         if given is not None or not self.ask:
             return usual if given is None else given
         self.count += 1
@@ -56,7 +58,7 @@ class Questionnaire:
     def ask_effort_unit(
         self, given: EffortUnit | None, columns: Mapping[str, Any]
     ) -> EffortUnit | None:
-        """The unit of the log's effort; None: it is no reference."""
+        """Returns the unit of the log's effort; None if the effort is no reference."""
         if given is not None or not self.ask or "shaft_effort" not in columns:
             return given
         self.count += 1
@@ -72,7 +74,7 @@ class Questionnaire:
             typer.echo(f"{said}: allowed {', '.join(units)}", err=True)
 
     def ask_yes_no(self, given: bool | None, question: str, usual: bool) -> bool:
-        """The choice given, else the answer."""
+        """Returns the given choice, else the answer."""
         if given is not None or not self.ask:
             return usual if given is None else given
         self.count += 1
@@ -168,7 +170,8 @@ def make_machine_file(
         text, columns, answers.ask_effort_unit(effort_unit, columns), log.name
     )
     write_atomically(out, text)
-    load_config(str(out), MACHINE)  # what is written is what is read
+    # The written file is read again, which proves that it is valid.
+    load_config(str(out), MACHINE)
     typer.echo(
         f"{out}: a {kind.value}, {made.full_rpm:g} "
         f"r/min{_describe_times(found, made)}{_describe_neutral(made)}; {answers.count} "
@@ -195,7 +198,7 @@ def _ask_missing(
     )
     both = answers.ask_yes_no(both_ways, "Does it turn backwards too", found.both_ways)
     if both_ways is None and not answers.ask:
-        # a log that goes one way does not say that the drive cannot go back
+        # A log in one direction does not show whether the drive can reverse.
         both = True
     sd = answers.ask_number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
     tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
@@ -216,8 +219,8 @@ def _ask_missing(
 def _add_effort_reference(
     text: str, columns: Mapping[str, Any], unit: EffortUnit | None, name: str
 ) -> str:
-    """The file with the drive's own effort, by its log. Raises ValueError, one line, where the log
-    does not show it."""
+    """Returns the file with the drive's own effort from its log. Raises ValueError, one line, where
+    the log does not show it."""
     import yaml
     from topdress.control.diagnosis.runs.effort_reference import fit_effort
     from topdress.control.machine.effort import Effort
@@ -239,7 +242,7 @@ def _add_effort_reference(
 
 
 def _describe_times(found: MachineSuggestion, made: MachineSuggestion) -> str:
-    """The source of its times, in words."""
+    """Returns the source of the drive's times, in words."""
     if made.settled or made.tau_s is None:
         return ""
     if made.tau_s != found.tau_s:
@@ -255,7 +258,7 @@ def _describe_times(found: MachineSuggestion, made: MachineSuggestion) -> str:
 
 
 def _describe_neutral(made: MachineSuggestion) -> str:
-    """The command at which it stands, where that is not 0, in words."""
+    """Returns the command at standstill in words, where it is not 0."""
     if made.neutral is None:
         return ""
     return f", stands at a command of {made.neutral.rpm:.4g} as the log shows it" + (
@@ -264,8 +267,8 @@ def _describe_neutral(made: MachineSuggestion) -> str:
 
 
 def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) -> str:
-    """The text of the file: what it is, its parts, its limits, its sensors. Neutral figures are
-    left out."""
+    """Returns the text of the file: its description, parts, limits and sensors. Neutral numbers are
+    omitted."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
     shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
     if not made.settled:

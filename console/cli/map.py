@@ -1,4 +1,6 @@
-"""`topdress map`: prescriptions read, summarised and converted; run logs to as-applied exports."""
+"""How does `topdress map` read, summarise and convert prescriptions, and export run logs as
+applied?
+"""
 
 from __future__ import annotations
 
@@ -186,8 +188,8 @@ def _list_read_files(source: Path, is_log: bool, machine: str | None) -> tuple[P
 
 
 def _make_output(out: Path) -> Output:
-    """The files written at `out`, by its ending; an earlier export in a format that names its maker
-    is recognised."""
+    """Returns the files written at `out`, by its suffix; an earlier export in a format that names
+    its program is recognised."""
     from topdress.console.reports.html import GENERATOR_META
 
     match out.suffix.lower():

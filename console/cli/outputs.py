@@ -1,5 +1,6 @@
-"""What a command is about to write, held against what it reads and what is there already,
-before anything is done."""
+"""Which files will a command write? They are compared with the files that it reads and with
+existing files before anything is done.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ SEARCHED_BYTES = 65_536
 class Output(NamedTuple):
     """Names files that are written together.
 
-    `earlier`: whether those that are there are an earlier output of the same command, which can be
-    made again: it is replaced silently.
+    `earlier` returns whether the existing files are an earlier output of the same command, which
+    can be made again and is replaced silently.
     """
 
     files: tuple[Path, ...]
@@ -30,15 +31,15 @@ class Output(NamedTuple):
 
 
 def make_marked_output(file: Path, mark: bytes, with_it: Iterable[Path] = ()) -> Output:
-    """An output whose earlier versions have `mark` in the beginning of `file`."""
+    """Returns an output whose earlier versions have `mark` in the beginning of `file`."""
     return Output((file, *with_it), lambda: _has_mark(file, mark))
 
 
 def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bool) -> None:
     """Raises CommandError where a file that is read would be overwritten, two outputs have one
-    path, or a file is there already and `force` is false.
+    path, or a file exists and `force` is False.
 
-    Files are compared as such: links, relative paths and other spellings of a name are the same
+    Files are compared by identity: links, relative paths and other spellings of a name are the same
     file.
     """
     read = {identity: path for path in reads if (identity := _find_file_identity(path)) is not None}
@@ -52,7 +53,7 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
                 raise CommandError(
                     f"{file}: would be written over, and is read{same}: allowed is another place"
                 )
-            # of a file that is not there only the name is known
+            # A missing file can only be compared by its name.
             place = str(file.resolve()).casefold()
             if place in taken:
                 raise CommandError(f"{file}: two outputs go there: allowed is a place for each")
@@ -65,27 +66,27 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
 
 
 def list_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log and its sidecar."""
+    """Returns a run log and its sidecar."""
     return log, log.with_suffix(".yaml")
 
 
 def list_new_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log about to be written, and its sidecar. Raises CommandError for a name that is none
-    of a log."""
+    """Returns a new run log and its sidecar. Raises CommandError for a name without the suffix of a
+    log."""
     if log.suffix != ".csv":
         raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
     return list_log_files(log)
 
 
 def find_machine_file(where: str) -> Path:
-    """The machine file of a shipped name or path. Raises ConfigError."""
+    """Returns the machine file of a shipped name or path. Raises ConfigError."""
     from topdress.drivers.files.kinds import MACHINE
 
     return find_named_file(where, MACHINE.folder)
 
 
 def find_named_file(where: str, folder: str) -> Path:
-    """The configuration file of a shipped name or path. Raises ConfigError."""
+    """Returns the configuration file of a shipped name or path. Raises ConfigError."""
     from topdress.drivers.files.config import resolve_config_path
 
     return resolve_config_path(where, [folder])

@@ -1,9 +1,9 @@
-"""Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the
-user can put right.
+"""How do commands report errors? They print plain lines on stderr and exit with a non-zero code,
+without a traceback for faults that the user can correct.
 
-Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it
-may be several lines. This is the one place that turns errors into lines and exit codes;
-anything else is a fault of ours, said in one line too.
+A wrong file or value raises ValueError, or ConfigError for several lines. Only this module turns
+errors into lines and exit codes; any other exception is a fault of the program and is also reported
+in one line.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from topdress.drivers.plain_text import join_lines
 CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
 
-# exit codes, listed by `topdress --help`
+# Exit codes, which `topdress --help` lists.
 FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130
 
 
 class CommandError(Exception):
-    """One plain line for the user."""
+    """Holds one plain line for the user."""
 
 
 def guard_command(command: CommandFunction) -> CommandFunction:

@@ -27,8 +27,8 @@ CONTINUATION = "    "  # of what a line goes on with
 
 
 class PlainText(io.TextIOWrapper):
-    """Leaves out characters that steer a terminal: one may stand behind a pipe, and a file may be
-    shown on one."""
+    """Removes characters that control a terminal, because a terminal may follow a pipe, and a file
+    may be shown on one."""
 
     def write(self, text: str) -> int:
         super().write(remove_control_characters(text))
@@ -36,11 +36,11 @@ class PlainText(io.TextIOWrapper):
 
 
 class PlainOutput(io.TextIOWrapper):
-    """Leaves them out on a terminal, but for a progress line's beginning; text printed while one
-    stands takes its place.
+    """Removes control characters on a terminal, except at the beginning of a progress line; text
+    that is printed during progress replaces it.
 
-    Lines that are too wide are broken between words. complains: lines come in colour, notes in
-    another.
+    Lines that are too wide are broken between words. `complains` selects colours for lines and
+    notes.
     """
 
     complains = False
@@ -81,7 +81,7 @@ class PlainOutput(io.TextIOWrapper):
 
 
 def print_json(found: Any) -> None:
-    """Print a line of JSON: by the names of fields, which have the units in them; null for a value
+    """Prints a line of JSON with the names of fields, which contain their units; null for a value
     that is no number."""
     from topdress.drivers.files.plain import convert_to_plain as as_data
 
@@ -91,15 +91,15 @@ def print_json(found: Any) -> None:
 
 
 def format_json_line(found: Any, separators: tuple[str, str] | None = None) -> str:
-    """The data as one line of JSON, in which characters that steer a terminal stand as their
-    numbers (\\u009b): whoever reads it as JSON has every character."""
+    r"""Returns the data as one line of JSON in which characters that control a terminal are written
+    as numbers (\u009b), so that a JSON reader gets every character."""
     line = json.dumps(found, separators=separators, ensure_ascii=False)
     return line if line.isprintable() else line.translate(_STEERING_NUMBERS)
 
 
 def replace_streams() -> None:
-    """Replace stdout and stderr, for the rest of the process, by streams on which no text steers a
-    terminal."""
+    """Replaces stdout and stderr, for the rest of the process, by streams on which no text can
+    control a terminal."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if not isinstance(stream, io.TextIOWrapper):

@@ -1,5 +1,6 @@
-"""How far along a command is, with the time left: one line that rewrites itself on a terminal's
-stderr, and is silent elsewhere."""
+"""How does a command show its progress and the remaining time? One line is rewritten on a
+terminal's stderr; elsewhere nothing is shown.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +17,21 @@ SHOW_PERIOD_S = 0.2
 
 
 class ProgressLine:
-    """Shows a text over the one before; `clear_line` removes it. A text is cut to the terminal's
-    width: one that goes on in the next row would leave its first row behind."""
+    """Shows a text in place of the previous one; `clear_line` removes it. A text is cut to the
+    terminal's width, because a longer text would leave its first row behind."""
 
     def __init__(self) -> None:
         self.shown = sys.stderr.isatty()
         self._stands = False
 
     def show_text(self, text: str) -> None:
-        """Show a text in place of the one before."""
+        """Shows a text in place of the previous one."""
         if self.shown:
             self._write_over_line(text[: shutil.get_terminal_size().columns - 1])
             self._stands = True
 
     def clear_line(self) -> None:
-        """Remove the text."""
+        """Removes the text."""
         if self._stands:
             self._write_over_line("")
             self._stands = False
@@ -44,7 +45,7 @@ class ProgressLine:
 def iterate_with_progress(
     items: Iterable[Item], count: int, label: str, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Item]:
-    """The items; shows before the first and then now and then how many are done."""
+    """Yields the items; shows their number before the first item and from time to time."""
     line = ProgressLine()
     if not line.shown:
         yield from items

@@ -1,5 +1,6 @@
-"""`topdress record`: passes as lines of a farm record, kilograms and nitrogen by product and
-field, costs."""
+"""How does `topdress record` write passes as lines of a farm record, with kilograms and nitrogen by
+product and field, and costs?
+"""
 
 from __future__ import annotations
 
@@ -89,7 +90,7 @@ def record_passes(
 
 
 def _parse_prices(texts: list[str] | tuple[()]) -> dict[str, float]:
-    """Product, or nothing for every one, -> price of a kilogram."""
+    """Returns product -> price of a kilogram; the empty product stands for every product."""
     found = {}
     for text in texts:
         name, _, money = text.rpartition("=")
@@ -106,7 +107,7 @@ def _parse_prices(texts: list[str] | tuple[()]) -> dict[str, float]:
 
 
 def _has_price(one: FarmPass, prices: dict[str, float]) -> bool:
-    """Whether a price was given for its product, or for every one."""
+    """Returns whether a price was given for the product of a pass, or for every product."""
     return "" in prices or one.product.casefold() in prices
 
 

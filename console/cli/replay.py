@@ -1,4 +1,6 @@
-"""`topdress replay`: a run log on the screen, or headless through the control loop once more."""
+"""How does `topdress replay` show a run log on the screen, or run it again through the control loop
+without a screen?
+"""
 
 from __future__ import annotations
 

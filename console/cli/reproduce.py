@@ -1,4 +1,6 @@
-"""`topdress reproduce`: the papers' tables and figures, published next to obtained, on one page."""
+"""How does `topdress reproduce` show the papers' tables and figures, published next to computed, on
+one page?
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from topdress.console.cli.progress import iterate_with_progress
 if TYPE_CHECKING:
     from topdress.control.papers.page import Section, Table
 
-PAPER_DAY = dt.date(2014, 3, 7)  # the decision paper's day of sensing
+# The decision paper's day of sensing.
+PAPER_DAY = dt.date(2014, 3, 7)
 PAGE_NAME = "reproduce.html"
 
 
@@ -60,7 +63,7 @@ def reproduce_papers(
 
 
 def run_papers(seed: int) -> list[Section]:
-    """Every section of the page. Takes about half a minute."""
+    """Returns every section of the page. Takes about half a minute."""
     from topdress.control.papers.decision import decision_section
     from topdress.control.papers.elements import elements_section
     from topdress.control.papers.lag import lag_section
@@ -79,7 +82,7 @@ def run_papers(seed: int) -> list[Section]:
 
 
 def format_table_csv(table: Table) -> str:
-    """One table as CSV, its title as the first line's comment, numbers in full."""
+    """Returns one table as CSV with its title as a comment and numbers in full precision."""
     text = io.StringIO()
     text.write(f"# {table.title}\n")
     writer = csv.writer(text, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""`topdress run`: the console on a running or newly started control worker."""
+"""How does `topdress run` open the console on a running or newly started control worker?"""
 
 from __future__ import annotations
 

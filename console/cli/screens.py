@@ -1,4 +1,4 @@
-"""From the command line to the screens: start or attach to a worker, open a log."""
+"""How does the command line open the screens? It starts or joins a worker, or opens a log."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
     from topdress.drivers.files.setup import Setup
 
-    # the setup, and its configuration files by kind
+    # The setup, and its configuration files by kind.
     SetupFiles = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
 
 
@@ -46,7 +46,7 @@ def show_run(
     model_check: bool = False,
     name: str | None = None,
 ) -> None:
-    """Show the console on the worker that runs, or on one started for it."""
+    """Shows the console on the running worker, or on a worker that is started for it."""
     import_hooks.begin_imports()
     from topdress.console.running import WorkerFailed, find_running_worker
     from topdress.console.services.launcher import Launcher
@@ -58,7 +58,8 @@ def show_run(
         if has_terminal() and not launcher.may_have_offer():
             coming = _start_in_background(
                 launcher.start_process
-            )  # it reads the files, and refuses wrong ones
+                # The worker reads the files, and refuses wrong ones.
+            )
         else:
             _load_setup_files(config)
     joined = None if running is None else _join_running(launcher, running)
@@ -76,7 +77,8 @@ def show_run(
     from topdress.drivers.files.extras import is_extra_installed
 
     async def attach_to_running() -> Link:
-        # not before the worker is started, which takes as long to come up as all of the console
+        # This import comes after the start of the worker, which takes as long to start as the whole
+        # console.
         import asyncio
 
         where = await asyncio.to_thread(find_running_worker)
@@ -95,7 +97,7 @@ def show_run(
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
-    # else the console asks whether to go on with it
+    # Otherwise the console asks whether to continue the interrupted job.
     elif coming is not None or job.find_offer() is None:
         source = ComingLink(coming or _start_in_background(launcher.start_process), name)
     tour = not config and is_first_time()
@@ -128,13 +130,14 @@ def show_run(
     finally:
         lines.close_files()
     if app.not_started:
-        # all that is wrong with a file, where that was why
+        # If a wrong file was the reason, all of its errors are shown.
         _load_setup_files(config)
         raise CommandError(app.not_started)
 
 
 def find_own_job(name: str) -> str:
-    """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
+    """Returns the file of one of the user's jobs by its name; paths and shipped names are
+    unchanged."""
     from topdress.console.services.launcher import find_data_folder
 
     own = find_data_folder() / "jobs" / f"{name}.yaml"
@@ -142,7 +145,7 @@ def find_own_job(name: str) -> str:
 
 
 def _join_running(launcher: Launcher, running: WorkerAddress) -> JoinedMachine:
-    """Take the files of the worker that runs."""
+    """Adopts the files of the running worker."""
     from topdress.console.app.attach_notice import JoinedMachine
 
     named = launcher.config
@@ -153,8 +156,8 @@ def _join_running(launcher: Launcher, running: WorkerAddress) -> JoinedMachine:
 
 
 def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> SetupFiles:
-    """The files of the machine that runs, as far as they can still be read: a console that could
-    not open for them could not stop it. Raises ConfigError."""
+    """Returns the readable files of the running machine, because a console that could not open for
+    them could not stop the machine. Raises ConfigError."""
     from topdress.drivers.files.config_error import ConfigError
 
     for config in (theirs, ours, ()):
@@ -167,8 +170,8 @@ def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Setup
 
 
 def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
-    """Start the worker, a process of its own, while this one imports the console: each takes about
-    as long."""
+    """Starts the worker, a process of its own, while this process imports the console; both take
+    about the same time."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)
     thread.shutdown(wait=False)
@@ -176,7 +179,7 @@ def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAdd
 
 
 def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
-    """The setup and its files by kind. Raises ConfigError."""
+    """Returns the setup and its files by kind. Raises ConfigError."""
     from topdress.drivers.files.setup import build_setup, load_by_kind
 
     found = load_by_kind(config)
@@ -184,9 +187,10 @@ def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
 
 
 def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] = ()) -> Services:
-    """The services of the screens of a run. Each is made, and `files` read, when it is first used.
+    """Returns the services of the screens of a run. Each service is made, and `files` is read, at
+    its first use.
 
-    effects: of the simulated machine.
+    `effects` are those of the simulated machine.
     """
     from topdress.console.app.services import Services, make_late
     from topdress.console.services.field import make_field_picture
@@ -243,21 +247,21 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
 
 def is_first_time() -> bool:
-    """Whether this user never saw the console; from now on they did."""
+    """Returns whether this user opens the console for the first time, and records the visit."""
     from topdress.console.services.launcher import find_data_folder
 
     mark = find_data_folder() / "seen"
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch(exist_ok=False)
-    # it is there, or no file can be written: no tour either way
+    # The mark exists, or no file can be written; both cases skip the tour.
     except OSError:
         return False
     return True
 
 
 def show_replay(recorded: RunLog) -> None:
-    """Show the console on a log."""
+    """Shows the console on a log."""
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.services import Services
     from topdress.console.services.field import make_field_picture
@@ -281,8 +285,8 @@ def show_replay(recorded: RunLog) -> None:
 
 
 def run_on_terminal(app: TopdressApp) -> None:
-    """Show the console until it is left. Raises typer.Exit where its terminal went away first: the
-    machine or log goes on by its own rules."""
+    """Shows the console until the user leaves it. Raises typer.Exit if its terminal was closed
+    first; the machine or log then continues by its own rules."""
     from topdress.console.app.terminal_watch import leave_with_terminal
 
     with leave_with_terminal(app.leave_from_thread) as is_gone:
@@ -292,7 +296,7 @@ def run_on_terminal(app: TopdressApp) -> None:
 
 
 def make_trouble_path() -> Path:
-    """Path of the file with the worker's stderr."""
+    """Returns the path of the file with the worker's stderr."""
     folder = Path(platformdirs.user_log_dir("topdress", appauthor=False))
     folder.mkdir(parents=True, exist_ok=True)
     return folder / "worker.log"

@@ -1,4 +1,6 @@
-"""`topdress serve`: the console in a browser, for a tablet in the cab or a screen in the office."""
+"""How does `topdress serve` show the console in a browser, for a tablet in the cab or a screen in
+the office?
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,10 @@ import typer
 from topdress.console.cli.plain_errors import CommandError
 from topdress.drivers.files.extras import require_extras
 
-TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
-TOKEN_LETTERS = 10  # 49 bits
+# The alphabet excludes letters that resemble each other.
+TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"
+# Ten letters of this alphabet have 49 bits.
+TOKEN_LETTERS = 10
 LEAST_TOKEN_LETTERS = 6
 
 
@@ -69,9 +73,10 @@ def serve_tablets(
 
 
 def prepare_token(path: Path) -> bool:
-    """Check the token file, or make one that only its owner can read; true where it was made.
+    """Checks the token file, or creates one that only its owner can read; returns True for a new
+    file.
 
-    Raises CommandError for a file that holds no key, or one too short.
+    Raises CommandError for a file without a key, or with a key that is too short.
     """
     if path.exists():
         lines = path.read_text(encoding="utf-8").strip().splitlines()

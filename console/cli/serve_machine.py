@@ -1,4 +1,4 @@
-"""`topdress serve-machine`: the virtual machine for the real drivers to connect to."""
+"""How does `topdress serve-machine` provide the virtual machine for the real drivers?"""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def serve_virtual_machine(
         typer.echo(f"{address.device:12} {address.protocol:16} {address.url}")
     typer.echo("serving; Ctrl+C ends it")
     started_s = time.monotonic()
-    # a polite end: names of terminals are taken away
+    # SIGTERM ends the block normally, so that the names of terminals are removed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         while not seconds or time.monotonic() - started_s < seconds:

@@ -1,4 +1,4 @@
-"""`topdress simulate`: a closed-loop run on the machine model, as fast as it goes."""
+"""How does `topdress simulate` run the closed loop on the machine model, faster than real time?"""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ if TYPE_CHECKING:
     from topdress.drivers.files.setup import Setup
 
 TICK_PERIOD_S = 0.05
-# from here on compiled steps are sooner there and back than interpreted ones
+# Length of a run from which compiling the steps saves time, s.
 LONG_RUN_S = 600.0
-SETTLING_DOSES = 50  # the threshold learns from them
+# Number of doses from which the threshold is learned.
+SETTLING_DOSES = 50
 TRUTH_COLUMNS = (
     "time_s",
     "shaft_rpm",
@@ -191,11 +192,14 @@ class _SimulatedRun(NamedTuple):
     """Holds the result of one simulated run."""
 
     record: RunRecord
-    # what they read, each sample once, while something flowed
+    # Readings of the heads, each sample once, while material flowed.
     heads: list[tuple[float, ...]]
-    alarms: dict[str, int]  # ticks of each
-    doses: DoseWatch | None  # of point mode
-    threshold: DoseThreshold | None  # of point mode, as learned
+    # Number of ticks with each alarm.
+    alarms: dict[str, int]
+    # Doses of point mode; None in other modes.
+    doses: DoseWatch | None
+    # Trigger threshold of point mode, as learned; None in other modes.
+    threshold: DoseThreshold | None
     took_s: float
 
 
@@ -282,7 +286,7 @@ def _make_run_meta(setup: Setup, job: Job, seed: int) -> RunMeta:
 
 
 def make_truth_path(log: Path) -> Path:
-    """Path of the log's truth file."""
+    """Returns the path of the log's truth file."""
     return log.with_name(f"{log.stem}.truth.csv")
 
 
@@ -420,7 +424,7 @@ def _print_dose_summary(
     effects: list[str],
     as_json: bool,
 ) -> None:
-    """Print dose errors with and without the learned threshold; `run` is the run of the job."""
+    """Prints dose errors with and without the learned threshold; `run` is the run of the job."""
     assert learned.doses is not None and fixed.doses is not None
     with_it, without = (
         learned.doses.judge_doses(SETTLING_DOSES),

@@ -1,5 +1,6 @@
-"""One tab of `topdress serve`, started by the server:
-`python -m topdress.console.cli.tablet [--token-file F]`."""
+"""How does one tab of `topdress serve` run? The server starts `python -m
+topdress.console.cli.tablet [--token-file F]`.
+"""
 
 from __future__ import annotations
 
@@ -30,19 +31,21 @@ from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
 from topdress.console.worker.system import make_private_folder, write_private_file
 from topdress.drivers.files.lock import take_lock
 
-# of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
+# Limit of the address space, bytes; a tab with a long log has some 2 GB of addresses, and uses a
+# tenth.
 TAB_MEMORY_BYTES = 4 << 30
 TAB_NICENESS = 10
-# of which wrong keys are counted: more than a cab's network has
+# Number of addresses whose wrong keys are counted, more than a cab's network has, and size of the
+# file, bytes.
 MOST_ADDRESSES, MOST_BYTES = 100, 20_000
-# how often a tab looks whether its server still runs
+# Interval at which a tab checks whether its server still runs, s.
 PARENT_POLL_S = 0.5
 
 
 class TabLink(Link):
-    """Connects a tab, which never keeps the machine working: that is the part of the console on the
-    machine. When that is gone, the worker holds, whatever a tablet that may have fallen asleep
-    still has open."""
+    """Connects a tab, which never keeps the machine working, because that is the duty of the
+    console on the machine. If that console is gone, the worker holds, even if a sleeping tablet
+    still has a page open."""
 
     keeps_alive = False
     tablet = True
@@ -51,7 +54,7 @@ class TabLink(Link):
 async def make_tab_link(
     operating: bool, find: Callable[[], WorkerAddress | None] = find_running_worker
 ) -> Link:
-    """A link to the worker that runs; without its token unless the tab operates. Raises
+    """Returns a link to the running worker, without its token unless the tab operates. Raises
     WorkerFailed."""
     where = await asyncio.to_thread(find)
     if where is None:
@@ -60,7 +63,7 @@ async def make_tab_link(
 
 
 def read_token(path: Path | None) -> str | None:
-    """The first line of the token file; None where there is no such file or it is empty."""
+    """Returns the first line of the token file; None for a missing or empty file."""
     if path is None:
         return None
     try:
@@ -71,8 +74,8 @@ def read_token(path: Path | None) -> str | None:
 
 
 def read_options(where: WorkerAddress | None) -> dict[str, Any]:
-    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where
-    it has none."""
+    """Returns limits and hopper of the present job from its log's sidecar; the console's own
+    without a sidecar."""
     from topdress.console.services.running_limits import read_running_limits
 
     found = None if where is None else read_running_limits(where.log_path)
@@ -84,9 +87,9 @@ def read_options(where: WorkerAddress | None) -> dict[str, Any]:
 
 
 class SharedKeyWaits:
-    """Keeps the waits after wrong keys in a file of this user, so that another tab of the same
-    address, or the same one loaded again, waits as long. Those of other addresses do not: a user
-    who types wrong keys keeps nobody else out."""
+    """Stores the waits after wrong keys in a file of this user, so that every tab of the same
+    address waits equally long, also after a reload. Other addresses do not wait, so a user who
+    types wrong keys excludes nobody else."""
 
     def __init__(self, path: Path, address: str = "") -> None:
         self._path, self._address = path, find_counting_key(address)
@@ -108,7 +111,8 @@ class SharedKeyWaits:
         return self._read_all_waits().get(self._address, (0.0, float("-inf")))
 
     def write_wait(self, wait_s: float, until_s: float) -> None:
-        """Keep a wait. Raises OSError: a key whose waiting cannot be kept opens nothing."""
+        """Stores a wait. Raises OSError, because a key whose wait cannot be stored must open
+        nothing."""
         others = {
             address: waits
             for address, waits in self._read_all_waits().items()
@@ -132,8 +136,8 @@ class SharedKeyWaits:
 
 
 def find_counting_key(address: str) -> str:
-    """The key under which an address's wrong keys are counted: of IPv6 the network, in which one
-    computer has any address."""
+    """Returns the key under which an address's wrong keys are counted: for IPv6 the network, in
+    which one computer can use any address."""
     try:
         found = ipaddress.ip_address(address)
     except ValueError:
@@ -145,29 +149,31 @@ def find_counting_key(address: str) -> str:
 
 
 def limit_resources() -> None:
-    """Bound the tab's memory, and leave the processor to the control worker."""
+    """Limits the tab's memory, and lowers its priority below the control worker."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.nice(TAB_NICENESS)
     try:
         import resource
-    except ImportError:  # Windows has none
+    # Windows has no such module.
+    except ImportError:
         return
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (TAB_MEMORY_BYTES, TAB_MEMORY_BYTES))
 
 
 def end_with_server(server: int) -> None:
-    """End the tab and all that it started when the server that started it is gone, however it
-    ended."""
+    """Ends the tab and its child processes when the server that started it has ended, for whatever
+    reason."""
     while os.getppid() == server:
         time.sleep(PARENT_POLL_S)
-    if os.getpgid(0) == os.getpid():  # a group of its own, as the server makes it
+    # The server starts each tab in a process group of its own.
+    if os.getpgid(0) == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(1)
 
 
 def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
-    """The app of one tab, looking."""
+    """Returns the app of one tab, without the right to order."""
     from topdress.console.services.diagnosis import DiagnosisFiles
     from topdress.console.services.field import make_field_picture
     from topdress.console.services.line_files import ReadOnlyLineFiles
@@ -196,7 +202,7 @@ def run_tab() -> None:
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
     limit_resources()
-    # elsewhere the next drawing finds nobody who reads it
+    # On other systems the next drawing fails, because its reader is gone.
     if os.name == "posix" and SERVER_VARIABLE in os.environ:
         threading.Thread(
             target=end_with_server, args=(int(os.environ[SERVER_VARIABLE]),), daemon=True

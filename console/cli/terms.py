@@ -1,4 +1,4 @@
-"""`--term`: a term written by hand, and what a term is, in words."""
+"""How is a term of `--term` parsed, and how are terms explained in words?"""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
-    """Terms of a simulated machine, each with an id of its own. Raises ValueError, CommandError,
-    ConfigError."""
+    """Returns terms of a simulated machine, each with an id of its own. Raises ValueError,
+    CommandError, ConfigError."""
     from topdress.control.machine.form import SHAFT_ANGLE
     from topdress.control.machine.term_sums import KNOWN_TO_CONTROL
     from topdress.control.machine.terms import parse_term
@@ -36,7 +36,8 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
 
 
 def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Of `--effect`: those of plug-ins as texts of terms, and the others. Raises ValueError."""
+    """Returns the effects of `--effect`: those of plug-ins as texts of terms, and the others.
+    Raises ValueError."""
     terms, own = list[str](), list[str]()
     for text in effects:
         name, _sign, size = text.strip().partition("=")
@@ -64,7 +65,7 @@ def _validate_term(data: dict[str, Any]) -> Term:
 
 
 def describe_terms() -> list[str]:
-    """Lines that say what a term is, on what it acts, its forms and its variables."""
+    """Returns lines that explain a term, its targets, its functional forms and its variables."""
     from topdress.control.machine.form import FORMS
     from topdress.control.machine.terms import (
         TARGET_STAGES,

@@ -1,4 +1,4 @@
-"""`topdress trial`: plots, what a log did in them, what was weighed and harvested, on one page."""
+"""How does `topdress trial` show plots on one page, with applied amounts, weights and yields?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""`topdress watch`: a growing log held against the machine model while the machine works."""
+"""How does `topdress watch` compare a growing log with the machine model while the machine
+works?
+"""
 
 from __future__ import annotations
 
@@ -91,7 +93,7 @@ def _print_start(log: Path, to_end: bool) -> None:
 
 
 def describe_departure(departure: Departure | None) -> str:
-    """The departure and its remedy, in one line; times of the log."""
+    """Returns the departure and its remedy in one line, with times of the log."""
     from topdress.console.reports.live_words import describe_next_step, format_departure
 
     if departure is None:
@@ -101,6 +103,6 @@ def describe_departure(departure: Departure | None) -> str:
 
 
 def format_log_time(seconds: float) -> str:
-    """A time of the log as h:mm:ss."""
+    """Returns a time of the log as h:mm:ss."""
     whole = int(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

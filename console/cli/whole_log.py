@@ -1,5 +1,6 @@
-"""A run log that stands under another name until it is whole; of one that is cancelled nothing
-stays."""
+"""How does a computed run log get its name only when it is complete? A cancelled log leaves no
+files.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def open_whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
-    """Open a writer whose log and sidecar get their names at the end of the block. Raises
+    """Yields a writer whose log and sidecar get their names at the end of the block. Raises
     OSError."""
     from topdress.drivers.files.run_log import PlainLogWriter
 
@@ -37,9 +38,10 @@ def open_whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
 
 
 def make_log_output(log: Path, *with_it: Path) -> Output:
-    """The files of a computed log; an earlier one can be computed again, the log of a drive cannot.
+    """Returns the files of a computed log; an existing computed log may be replaced, the log of a
+    drive may not.
 
-    Raises CommandError for a name that is none of a log.
+    Raises CommandError for a name without the suffix of a log.
     """
     return Output((*list_new_log_files(log), *with_it), lambda: _is_computed_log(log))
 

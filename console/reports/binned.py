@@ -1,5 +1,6 @@
-"""A residual against a variable: means with bands, and the variable along which an effect shows
-most."""
+"""How does a residual depend on a variable? Binned means with confidence bands show it, and the
+variable along which an effect is most visible is chosen.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +15,15 @@ Array = npt.NDArray[np.float64]
 
 MEAN_BINS = 14
 LEAST_ROWS_IN_BIN = 3
-RATE_BINS = 7  # a rate needs longer than a mean
-LEAST_RATE_S = 20.0  # of a bin in which a rate is read
-# times the median interval: such a bin says nothing and only stretches the scale
+# A rate needs longer bins than a mean.
+RATE_BINS = 7
+# Shortest bin in which a rate is estimated, s.
+LEAST_RATE_S = 20.0
+# Multiple of the median interval above which a bin is omitted, because it would only stretch the
+# scale.
 VAGUE_FACTOR = 3.0
 NORMAL_90 = 1.645
-# of what an effect does, by which a later axis must show more of it to be taken
+# Share of an effect by which a later axis must be more telling in order to be chosen.
 CLEAR_SHARE = 0.03
 
 
@@ -27,14 +31,16 @@ class Axis(NamedTuple):
     """Names a variable by its id on which a residual (n,) may depend."""
 
     variable: str
-    values: Array  # (n,), NaN where it does not apply
-    # (n,) the residual is turned by it, so that ups and downs do not cancel
+    # Values (n,), NaN where the variable does not apply.
+    values: Array
+    # Signs (n,) by which the residual is multiplied, so that opposite changes do not cancel.
     sign: Array | None = None
-    names: tuple[str, ...] = ()  # of the values 0, 1, ...: then it is not a scale
+    # Names of the values 0, 1, ... of a categorical variable.
+    names: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
-        """Words of the axis, in the language in use."""
+        """Label of the axis, in the language in use."""
         turned = (
             " (residual turned so that up is the way of the change)"
             if self.sign is not None
@@ -52,9 +58,9 @@ class BinnedMeans(NamedTuple):
 
 
 def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedMeans:
-    """Means of values (n,) over an axis, with half of their 90 % intervals.
+    """Returns means of values (n,) over an axis, with half of their 90 % intervals.
 
-    memory: correlation of neighbouring values; the intervals are wider for it.
+    `memory` is the autocorrelation of neighbouring values, which makes the intervals wider.
     """
     index, count = assign_bins(axis)
     y = values if axis.sign is None else values * axis.sign
@@ -76,12 +82,12 @@ def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedM
 def calc_binned_rates(
     axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
 ) -> BinnedMeans:
-    """Rates of change of a level (n,) by bins of an axis: least squares on the level itself,
-    first-order noise.
+    """Returns rates of change of a level (n,) by bins of an axis: least squares on the level
+    itself, with first-order autoregressive noise.
 
-    `segments` (n,): rows of equal numbers hang together; between them the level may jump. `memory`:
-    correlation of the level's neighbouring noise. Bins that last less than LEAST_RATE_S, or whose
-    intervals are far wider than the others', are left out.
+    `segments` (n,) numbers continuous parts; between parts the level may jump. `memory` is the
+    autocorrelation of the level's noise. Bins shorter than LEAST_RATE_S, or with far wider
+    intervals than the others, are omitted.
     """
     index, count = assign_bins(axis, RATE_BINS, 0.0)
     inside = np.zeros((len(level), count + 1 + int(segments.max())))
@@ -109,9 +115,9 @@ def calc_binned_rates(
 def assign_bins(
     axis: Axis, bins: int = MEAN_BINS, even_share: float = 0.5
 ) -> tuple[npt.NDArray[np.int64], int]:
-    """Bin of each value (n,), -1 for none, and the number of bins.
+    """Returns the bin of each value (n,), -1 for none, and the number of bins.
 
-    `even_share`: 1 for bins equally wide, 0 for bins equally full.
+    `even_share` is 1 for bins of equal width and 0 for bins of equal count.
     """
     x = axis.values
     known = np.isfinite(x) & (np.ones(len(x), bool) if axis.sign is None else axis.sign != 0.0)
@@ -131,7 +137,7 @@ def assign_bins(
 
 
 def calc_shown_share(axis: Axis, effect: Array) -> float:
-    """Share of an effect on the rows (n,) that its means over the axis show, 0 to 1."""
+    """Returns the share of an effect on the rows (n,) that its means over the axis show, 0 to 1."""
     total = float(np.sum(effect**2))
     if total <= 0.0:
         return 0.0
@@ -144,7 +150,8 @@ def calc_shown_share(axis: Axis, effect: Array) -> float:
 
 
 def find_telling_axis(axes: Sequence[Axis], effect: Array) -> Axis:
-    """The axis along which the effect shows most; of near equals the first."""
+    """Returns the axis along which the effect is most visible; among nearly equal axes the
+    first."""
     best, most = axes[0], calc_shown_share(axes[0], effect)
     for axis in axes[1:]:
         share = calc_shown_share(axis, effect)
@@ -154,7 +161,7 @@ def find_telling_axis(axes: Sequence[Axis], effect: Array) -> Axis:
 
 
 def calc_correlation(values: Array) -> float:
-    """Correlation of neighbouring values."""
+    """Returns the correlation of neighbouring values."""
     centred = values - values.mean()
     total = float(np.sum(centred**2))
     return (

@@ -1,7 +1,9 @@
-"""Charts as SVG: lines, points with intervals, bands, bars and coloured ground.
+"""How are charts drawn as SVG? They have lines, points with intervals, bands, bars and coloured
+ground.
 
-Colours are variables of the page (`html.py`), so that day, night and paper all read well. Lengths
-are points (1/72 inch). The words are drawn by the fonts of the page; their widths are estimated.
+Colours are variables of the page (`html.py`), so that charts are readable by day, by night and on
+paper. Lengths are points (1/72 inch). The fonts of the page draw the texts, so their widths are
+estimated.
 """
 
 from __future__ import annotations
@@ -25,20 +27,21 @@ PAPER = "var(--paper)"
 
 POINTS_PER_INCH = 72.0
 FONT_PT, SMALL_FONT_PT = 10.0, 9.0
-# Mean width of a letter over the size of its font: sans-serif faces have 0.5 to 0.6, Chinese
-# signs 1.
+# Mean width of a letter divided by its font size: sans-serif faces have 0.5 to 0.6, Chinese
+# characters 1.
 LETTER_WIDTH, WIDE_LETTER_WIDTH = 0.55, 1.0
-# Room between a panel and its numbers, between numbers and words, and around the sheet.
+# Distances between a panel and its numbers, between numbers and words, and around the sheet,
+# points.
 GAP_PT, EDGE_PT = 4.0, 4.0
-# Behind a panel, so that its last number does not touch the next one.
+# Distance to the right of a panel, so that its last number does not touch the next panel, points.
 RIGHT_PT = 8.0
 ROW_PT = 14.0
-# Ticks stand at least this far apart.
+# Smallest distances between ticks, points.
 TICK_X_PT, TICK_Y_PT = 55.0, 22.0
-# Data end this share of their span inside the panel.
+# Share of their span by which data end inside of the panel.
 MARGIN_SHARE = 0.05
 STEPS_OF_TEN = (1.0, 2.0, 2.5, 5.0, 10.0)
-# Beyond these powers of ten numbers are written as a power.
+# Powers of ten beyond which numbers are written as a power.
 LOWEST_POWER, HIGHEST_POWER = -4, 6
 LEGEND_COLUMNS = 4
 COLOUR_BAR_PT = 62.0
@@ -47,13 +50,13 @@ Tick = tuple[float, str]
 
 
 def measure_text(text: str, font_pt: float = FONT_PT) -> float:
-    """Estimated width of a text, points."""
+    """Returns the estimated width of a text, points."""
     wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
     return font_pt * (LETTER_WIDTH * (len(text) - wide) + WIDE_LETTER_WIDTH * wide)
 
 
 def find_ticks(low: float, high: float, most: int) -> list[Tick]:
-    """Round numbers between two ends, at most so many, each with its words."""
+    """Returns round numbers between two ends, at most `most`, each with its text."""
     span = high - low
     if not (isfinite(span) and span > 0.0):
         return [(low, _format_tick(low, 3))]
@@ -78,7 +81,7 @@ def _format_tick(value: float, decimals: int) -> str:
 
 
 class SeriesStyle(NamedTuple):
-    """Describes how a series is drawn; an entry of the legend shows it too."""
+    """Describes how a series is drawn; an entry of the legend shows the same style."""
 
     colour: str
     dash: str = "-"
@@ -108,7 +111,7 @@ def _draw_text(
 
 
 def _make_path(x: Array, y: Array) -> str:
-    """A line through points; a point that is not finite leaves a gap."""
+    """Returns a line through points; a point that is not finite leaves a gap."""
     parts, joined = [], False
     for one, other in zip(x.tolist(), y.tolist(), strict=True):
         known = isfinite(one) and isfinite(other)
@@ -128,7 +131,7 @@ _MARKER_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
 
 
 def _draw_markers(x: Array, y: Array, look: SeriesStyle) -> str:
-    """The markers of a series as one path."""
+    """Returns the markers of a series as one path."""
     half = 0.5 * look.size
     shape = _MARKER_SHAPES.get(look.marker)
     parts = []
@@ -153,7 +156,7 @@ def _draw_markers(x: Array, y: Array, look: SeriesStyle) -> str:
 
 
 class _PanelScales(NamedTuple):
-    """Convert the data of a panel to points of the sheet."""
+    """Converts the data of a panel to points of the sheet."""
 
     x: Callable[[Values], Array]
     y: Callable[[Values], Array]
@@ -168,30 +171,30 @@ Drawing = Callable[[_PanelScales], str]
 
 @dataclass
 class Panel:
-    """Holds one pair of axes. What is drawn into it is placed when the sheet is made."""
+    """Holds one pair of axes. Its drawings are placed when the sheet is made."""
 
     title: str = ""
     title_colour: str = INK
     x_label: str = ""
     y_label: str = ""
-    # Named places on the x axis in place of numbers.
+    # Named positions on the x axis in place of numbers.
     x_names: tuple[Tick, ...] = ()
     x_ends: tuple[float, float] | None = None
-    # The same of the y axis; its ends may be the wrong way round, so that it runs down.
+    # Named positions on the y axis; its ends may be reversed, so that the axis runs down.
     y_names: tuple[Tick, ...] = ()
     y_ends: tuple[float, float] | None = None
-    # Words of a number on the x axis; None: plain numbers.
+    # Returns the ticks of the x axis; the default makes plain numbers.
     make_x_ticks: Callable[[float, float, int], list[Tick]] = find_ticks
     has_equal_scales: bool = False
     drawings: list[Drawing] = field(default_factory=list)
     looks: dict[str, SeriesStyle] = field(default_factory=dict)
-    # What was plotted under each label: places of shape (n,) each.
+    # The plotted points under each label, x and y of shape (n,).
     series: dict[str, tuple[Array, Array]] = field(default_factory=dict)
     _x: list[Array] = field(default_factory=list)
     _y: list[Array] = field(default_factory=list)
 
     def label(self, x: str = "", y: str = "", title: str = "") -> None:
-        """Name the axes and the panel; an empty text leaves what is there."""
+        """Sets the names of the axes and the title of the panel; an empty text changes nothing."""
         self.x_label, self.y_label = x or self.x_label, y or self.y_label
         self.title = title or self.title
 
@@ -213,20 +216,13 @@ class Panel:
 
         Parameters
         ----------
-        x, y
-            Places of shape (n,), finite or NaN, which leaves a gap.
-        colour
-            One of the colours of this module.
-        label
-            Its words in the legend; empty: none.
-        dash
-            "-", "--" or ":"; empty: markers alone.
-        marker
-            "o", ".", "s", "^", "v", "D" or "P"; empty: a line alone.
-        width, size
-            Of the line and of the markers, points.
-        fill
-            Of the markers; empty: as `colour`.
+        x, y : points of shape (n,); NaN leaves a gap.
+        colour : one of the colours of this module.
+        label : its text in the legend; empty for no entry.
+        dash : "-", "--" or ":"; empty for markers alone.
+        marker : "o", ".", "s", "^", "v", "D" or "P"; empty for a line alone.
+        width, size : width of the line and size of the markers, points.
+        fill : colour inside of the markers; empty means `colour`.
         """
         at, value = self._collect_values(x, y)
         self.series.setdefault(label, (at, value))
@@ -255,7 +251,7 @@ class Panel:
         size: float = 6.0,
         fill: str = "",
     ) -> None:
-        """Draws points with bars from y - half to y + half; all of shape (n,)."""
+        """Draws points with bars from y - half to y + half, all of shape (n,)."""
         at, value = self._collect_values(x, y)
         reach = np.asarray(half, float)
         self._collect_values(at, value - reach)
@@ -298,7 +294,7 @@ class Panel:
     def draw_level(
         self, y: float, colour: str = DIM, *, width: float = 0.9, dash: str = "-", label: str = ""
     ) -> None:
-        """Draws a line across the panel at one value."""
+        """Draws a horizontal line across the panel at one value."""
         self._collect_values((), (y,))
 
         def draw_level_line(scales: _PanelScales) -> str:
@@ -318,7 +314,7 @@ class Panel:
         label: str = "",
         words: str = "",
     ) -> None:
-        """Draws a line up the panel at one place, with words at its upper end."""
+        """Draws a vertical line in the panel at one value, with words at its upper end."""
         self._collect_values((x,), ())
 
         def draw_moment_line(scales: _PanelScales) -> str:
@@ -356,7 +352,7 @@ class Panel:
         self._add_drawing(draw_bar_path, label, SeriesStyle(colour, "", 1.5, "s", 7.0))
 
     def draw_spans(self, spans: Sequence[tuple[float, float]], row: float, colour: str) -> None:
-        """Draws stretches along x, each from and to, as bars of 0.7 about y = `row`."""
+        """Draws intervals along x, each from and to, as bars of height 0.7 about y = `row`."""
         self._collect_values([end for span in spans for end in span], (row,))
 
         def draw_span_bars(scales: _PanelScales) -> str:
@@ -408,11 +404,11 @@ class Panel:
             self.looks.setdefault(label, look)
 
     def find_x_ends(self) -> tuple[float, float]:
-        """Ends of the x axis by what is drawn."""
+        """Returns the ends of the x axis by the data."""
         return self.x_ends or _widen_ends(_find_data_ends(self._x))
 
     def find_y_ends(self) -> tuple[float, float]:
-        """Ends of the y axis by what is drawn."""
+        """Returns the ends of the y axis by the data."""
         return self.y_ends or _widen_ends(_find_data_ends(self._y))
 
 
@@ -432,8 +428,8 @@ def _widen_ends(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 class ColourBar(NamedTuple):
-    """Describes the scale of coloured ground: its ends, its unit and its colours from low to
-    high."""
+    """Describes the scale of coloured ground: its ends, its unit and its colours from low
+    to high."""
 
     low: float
     high: float
@@ -446,11 +442,10 @@ class ChartSheet:
 
     Parameters
     ----------
-    width_in, height_in: size, inches.
-    rows, columns: of the panels.
-    shares_x, shares_y: whether the panels of a column share their x axis, and those of a row their
-        y
-        axis.
+    width_in, height_in : size, inches.
+    rows, columns : number of rows and columns of panels.
+    shares_x : whether the panels of a column share their x axis.
+    shares_y : whether the panels of a row share their y axis.
     """
 
     def __init__(
@@ -477,13 +472,13 @@ class ChartSheet:
         return self.to_svg("chart")
 
     def make_picture(self, title: str, caption: str) -> Picture:
-        """The sheet as a picture of a page, with its caption in plain text below it."""
+        """Returns the sheet as a picture of a page, with its caption in plain text below it."""
         return Picture(self.to_svg(title), caption, self)
 
     def to_svg(self, title: str) -> str:
-        """The sheet as an SVG element without ids, addresses or fonts of its own.
+        """Returns the sheet as an SVG element without ids, addresses or fonts of its own.
 
-        `title` describes the picture for those who do not see it.
+        `title` describes the picture for people who cannot see it.
         """
         looks: dict[str, SeriesStyle] = {}
         for panel in self._list_panels():
@@ -501,7 +496,7 @@ class ChartSheet:
         return [panel for row in self.panels for panel in row]
 
     def _draw_legend(self, looks: dict[str, SeriesStyle]) -> tuple[str, float]:
-        """The legend and its height, points."""
+        """Returns the legend and its height, points."""
         if not looks:
             return "", 0.0
         widths = [34.0 + measure_text(label, SMALL_FONT_PT) for label in looks]
@@ -547,7 +542,7 @@ class ChartSheet:
         return "\n".join(parts)
 
     def _make_frame(self, row: int, column: int, above: float, height_pt: float) -> _PanelFrame:
-        """A panel's place from above to below, and its words at the axes."""
+        """Returns a panel's position from top to bottom, and the texts at its axes."""
         panel = self.panels[row][column]
         has_x_words = row == len(self.panels) - 1 or not self.shares_x
         has_y_words = column == 0 or not self.shares_y
@@ -582,7 +577,7 @@ def _unite_ends(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
 
 
 class _PanelFrame(NamedTuple):
-    """Holds a panel's place on the sheet, points, and the ends of its axes."""
+    """Holds a panel's position on the sheet, points, and the ends of its axes."""
 
     top: float
     bottom: float
@@ -590,20 +585,20 @@ class _PanelFrame(NamedTuple):
     y_ends: tuple[float, float]
     has_x_words: bool
     has_y_words: bool
-    # Room for the numbers and the name of the y axis.
+    # Width for the numbers and the name of the y axis.
     words_pt: float = GAP_PT
-    # Left of these words, left and right of the panel.
+    # Positions of the left end of these texts, and of the left and right end of the panel.
     outer: float = 0.0
     left: float = 0.0
     right: float = 0.0
 
     def find_x_ticks(self, panel: Panel) -> list[Tick]:
-        """Round numbers along the x axis."""
+        """Returns round numbers along the x axis."""
         most = max(2, int((self.right - self.left) / TICK_X_PT))
         return list(panel.x_names) or panel.make_x_ticks(*self.x_ends, most)
 
     def find_y_ticks(self, panel: Panel) -> list[Tick]:
-        """Round numbers along the y axis."""
+        """Returns round numbers along the y axis."""
         most = max(2, int((self.bottom - self.top) / TICK_Y_PT))
         return list(panel.y_names) or find_ticks(*self.y_ends, most)
 
@@ -675,7 +670,8 @@ def _make_scale(ends: tuple[float, float], begin: float, end: float) -> Callable
 def _equalise_scales(
     x_ends: tuple[float, float], y_ends: tuple[float, float], aspect: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends that give both axes one scale in a panel so many times as wide as high."""
+    """Returns ends that give both axes the same scale in a panel with the ratio `aspect` of width
+    to height."""
     wide = max(x_ends[1] - x_ends[0], aspect * (y_ends[1] - y_ends[0]))
     return _centre_span(x_ends, wide), _centre_span(y_ends, wide / aspect)
 

@@ -1,5 +1,6 @@
-"""Two machine files held against the same logs: in words, as data, and as one HTML page with
-pictures."""
+"""How are two machine files compared on the same logs? The result is given in words, as data, and
+as one HTML page with pictures.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +26,16 @@ from topdress.console.reports.numbers import format_number
 from topdress.console.reports.panels import MEASURED
 from topdress.control.diagnosis.runs.compared import Compared, ComparedChannel
 
-ComparedLogs = Sequence[tuple[str, Compared]]  # path and what was found there
+# Path of each log and the comparison of its channels.
+ComparedLogs = Sequence[tuple[str, Compared]]
 
 
 def list_plain_data(logs: ComparedLogs) -> dict[str, Any]:
-    """The comparison as data: {"logs": [{"path", "channels": [{"channel", "unit", "old", "new",
-    "low", "high"}]}]}; low and high: 90 % interval of old less new, None where the log is too short
-    for it."""
+    """Returns the comparison as data: {"logs": [{"path", "channels": [{"channel", "unit", "old",
+    "new", "low", "high"}]}]}.
+
+    `low` and `high` are the 90 % interval of old minus new, None for a log that is too short.
+    """
     return {
         "logs": [
             {
@@ -58,19 +62,19 @@ def _replace_not_finite(value: float) -> float | None:
 
 
 def describe_better(one: ComparedChannel) -> str:
-    """The machine file that predicts the channel better, beyond the interval, in words."""
+    """Returns which machine file predicts the channel better, beyond the interval, in words."""
     return describe_improvement(
         one.old, one.new, _replace_not_finite(one.low), _replace_not_finite(one.high), "new is "
     )
 
 
 def format_interval(one: ComparedChannel) -> str:
-    """90 % interval of old less new."""
+    """Returns the 90 % interval of old minus new."""
     return f"{format_number(one.low)} to {format_number(one.high)}" if isfinite(one.low) else ""
 
 
 def summarise_terminal(logs: ComparedLogs, old: str, new: str) -> list[str]:
-    """Lines for a terminal."""
+    """Returns lines for a terminal."""
     lines = [
         f"old: {old}",
         f"new: {new}",
@@ -97,13 +101,14 @@ def summarise_terminal(logs: ComparedLogs, old: str, new: str) -> list[str]:
 Array = npt.NDArray[np.float64]
 
 OLD, NEW = "old machine file", "new machine file"
-MOST_STRETCH_ROWS = 400  # shown in full: where the two differ most
+# Number of rows shown in full, where the two predictions differ most.
+MOST_STRETCH_ROWS = 400
 TIME_BINS = 60
 LEAST_ROWS_IN_BIN = 5
 
 
 def make_compare_page(logs: ComparedLogs, old: str, new: str) -> str:
-    """The page as HTML."""
+    """Returns the page as HTML."""
     parts = [
         f"<header><h1>{escape_text(old)} against {escape_text(new)}</h1>\n"
         f'<p class="verdict">{escape_text(_describe_in_short(logs))}</p></header>',
@@ -156,8 +161,8 @@ def _describe_in_short(logs: ComparedLogs) -> str:
 
 
 def draw_comparison(one: ComparedChannel) -> Picture:
-    """The picture of a stretch in full where the two differ most, and of the error of both over the
-    log."""
+    """Returns the picture of an interval in full where the two differ most, and of the error of
+    both over the log."""
     rows = _find_stretch(one)
     sheet = ChartSheet(9.4, 3.4, columns=2)
     left, right = sheet.panels[0]
@@ -184,7 +189,7 @@ def draw_comparison(one: ComparedChannel) -> Picture:
 
 
 def _find_stretch(one: ComparedChannel) -> slice:
-    """Rows of the stretch over which both predictions differ most."""
+    """Returns the rows of the interval in which both predictions differ most."""
     count = min(MOST_STRETCH_ROWS, len(one.time_s))
     total = np.concatenate(([0.0], np.cumsum(np.square(one.of_old - one.of_new))))
     begin = int(np.argmax(total[count:] - total[:-count])) if count < len(one.time_s) else 0
@@ -192,7 +197,8 @@ def _find_stretch(one: ComparedChannel) -> slice:
 
 
 def _calc_rms_over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
-    """Root mean square of errors (m,) in even bins of time: (k,), (k,)."""
+    """Returns the root mean square of errors (m,) in equal bins of time: times (k,) and values
+    (k,)."""
     order = np.argsort(time_s, kind="stable")
     pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // LEAST_ROWS_IN_BIN)))
     return (

@@ -1,5 +1,6 @@
-"""A diagnosis as one HTML file that needs nothing else: verdict, causes with pictures, what to
-do, where it is from."""
+"""How is a diagnosis shown as one self-contained HTML file? It has verdict, causes with pictures,
+next steps and the origin of the data.
+"""
 
 from __future__ import annotations
 
@@ -35,14 +36,14 @@ from topdress.console.reports.term_words import describe_term as term_sentence
 from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
 from topdress.control.machine.machine import CATALOGUE
 
-# Small bars in the text: an interval about its value, and shares of one.
+# Size of the small bars in the text, for an interval about its value and for shares, points.
 WIDTH, HEIGHT = 220.0, 22.0
 BAR_MARGIN = 8.0
 
 
 def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
-    """A line from low to high with its value, and the place of zero. `said`: the same in words,
-    already escaped."""
+    """Returns a line from low to high with its value, and the position of zero. `said` is the same
+    in words, already escaped."""
     least, most = min(0.0, low, value), max(0.0, high, value)
     wide = (most - least) or 1.0
 
@@ -67,7 +68,7 @@ def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
 
 
 def draw_share_bar(share: float, said: str, leading: bool) -> str:
-    """A bar filled to a share between 0 and 1."""
+    """Returns a bar filled to a share between 0 and 1."""
     full = WIDTH - 2.0 * BAR_MARGIN
     filled = full * min(1.0, max(0.0, share))
     return (
@@ -82,11 +83,11 @@ def draw_share_bar(share: float, said: str, leading: bool) -> str:
 
 
 def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
-    """The page as HTML.
+    """Returns the page as HTML.
 
-    `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable],
-    "machine": Machine}; also, where known, "date" (text), "sha256" (path -> checksum) and "version"
-    (of this program). Checksums that are not given are taken from the files where they can be read.
+    `tools` is {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable],
+    "machine": Machine}. Optional keys are "date" (text), "sha256" (path -> checksum) and "version"
+    (of this program). Missing checksums are computed from readable files.
     """
     found = sentences.sort_headlines(found)
     pictures = draw_pictures(found, tools)
@@ -197,7 +198,7 @@ def _format_size(cause: Cause, unit: str) -> str:
 
 
 def _format_shares(cause: Cause) -> str:
-    """The cause's own probability and those of its rivals."""
+    """Returns the cause's own probability and those of its rivals."""
     if not sentences.list_rivals(cause):
         said = escape_text(format_percent(cause.probability))
         return (
@@ -220,12 +221,12 @@ def _format_shares(cause: Cause) -> str:
 
 
 def _format_effect_id(effect_id: str) -> str:
-    """The id of an effect of the catalogue."""
+    """Returns the id of an effect of the catalogue as HTML."""
     return "" if effect_id == UNKNOWN else f' <span class="id">{escape_text(effect_id)}</span>'
 
 
 def _format_term(found: TermFound, picture: Picture | None) -> str:
-    """A term in words, the control's answer to it, and its picture."""
+    """Returns a term in words, its compensation by the control loop, and its picture."""
     said = format_paragraph(f"{term_sentence(found.term)}.") + format_paragraph(
         f"{describe_compensation(found.term)}.", "dim"
     )
@@ -304,7 +305,8 @@ def _format_channels(found: Diagnosis) -> str:
 
 
 def _format_alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
-    """Format bias, error and noise with as many decimals as show three digits of the noise."""
+    """Returns bias, error and noise with the same number of decimals, which shows three digits of
+    the noise."""
     decimals = count_decimals(noise if noise > 0.0 else rmse) + 1
     return format_fixed(bias, decimals), format_fixed(rmse, decimals), format_fixed(noise, decimals)
 

@@ -1,4 +1,6 @@
-"""A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
+"""How is a diagnosis summarised in words? The summary has cause, probability, cost and next step,
+and is read in ten seconds.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ MOST_SHOWN_LIMITS = 8
 
 
 def summarise_terminal(found: Diagnosis) -> list[str]:
-    """Lines for a terminal."""
+    """Returns lines for a terminal."""
     found = diagnosis_wording.sort_headlines(found)
     lines = [_describe_data(found)]
     missing = diagnosis_wording.list_not_judged(found)
@@ -77,8 +79,8 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
 
 
 def describe_adoption(found: Diagnosis) -> list[str]:
-    """The effects of a run's diagnosis that a machine file adopts, and those that it leaves, with
-    reasons."""
+    """Returns the effects of a run's diagnosis that a machine file adopts, and those that it does
+    not adopt, with reasons."""
     kept, left = diagnosis_wording.sort_adoptable(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left
@@ -86,7 +88,7 @@ def describe_adoption(found: Diagnosis) -> list[str]:
 
 
 def describe_common(found: Several) -> list[str]:
-    """What logs of machines of a kind have in common, each by its own size."""
+    """Returns the effects that logs of machines of a kind share, each with its own size."""
     paths = [one.data.path for one in found.each]
     lines = [
         f"{' + '.join(paths)} on {found.machine.id}: not one machine, but machines of a "
@@ -109,7 +111,7 @@ def describe_common(found: Several) -> list[str]:
 def describe_by_log(
     each: Sequence[Diagnosis], beyond: str = ", beyond what they share"
 ) -> list[str]:
-    """The findings of each log by itself: a line each, and its details."""
+    """Returns the findings of each single log: one line each, and its details."""
     lines = ["", f"each log by itself{beyond}:"]
     for found in each:
         own = [line for cause in found.causes for line in _describe_cause(cause)[:2]]

@@ -1,8 +1,8 @@
-"""What a diagnosis says, once for terminal, report, notebook and Diagnosis page, in the
-language in use. Pure.
+"""How is a diagnosis worded? Terminal, report, notebook and Diagnosis page use these texts in the
+language in use. The module is pure.
 
-Causes are asked for by their ids, channels and variables by theirs; whoever shows them chooses
-which facts and where.
+Functions take the ids of causes, channels and variables; the caller chooses the facts and their
+place.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from topdress.control.diagnosis.result import (
 )
 from topdress.control.machine.machine import CATALOGUE
 
-# least probability of a cause that a headline names
+# Smallest probability of a cause that a headline names.
 HEADLINE_PROB = 0.5
 PLACE_DIGITS = 2
 
-# verdict: in a sentence; as a word by itself, with its symbol
+# Words of each verdict: in a sentence, as a single word, and as a symbol.
 VERDICT_WORDS = {
     "none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"),
     "named": ("named", N_("CAUSE NAMED"), "!"),
@@ -61,16 +61,12 @@ CHANNEL_NAMES = {
 
 
 def name_channel(channel: str) -> str:
-    """The channel in words."""
+    """Returns the channel in words."""
     return _(CHANNEL_NAMES.get(channel, channel))
 
 
-# --- causes
-# --------------------------------------------------------------------------------------------------
-
-
 def find_effect_title(effect_id: str) -> str:
-    """Title of an effect, in the language in use."""
+    """Returns the title of an effect, in the language in use."""
     if effect_id == UNKNOWN:
         return _("something else")
     entry = CATALOGUE.get(effect_id)
@@ -78,17 +74,18 @@ def find_effect_title(effect_id: str) -> str:
 
 
 def find_effect_name(effect_id: str) -> str:
-    """The id of an effect; the title of the unknown one."""
+    """Returns the id of an effect; the title of the unknown effect."""
     return find_effect_title(effect_id) if effect_id == UNKNOWN else effect_id
 
 
 def find_cause_title(cause: Cause) -> str:
-    """Title of a cause, with the number of its head or outlet."""
+    """Returns the title of a cause, with the number of its head or outlet."""
     return find_effect_title(cause.id) + ("" if cause.member is None else f" {cause.member}")
 
 
 def list_rivals(cause: Cause) -> tuple[tuple[str, float], ...]:
-    """Rivals of a cause, without itself, likeliest first, each with its probability."""
+    """Returns the rivals of a cause, without the cause itself, likeliest first, each with its
+    probability."""
     return tuple(
         sorted(
             ((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]
@@ -97,27 +94,28 @@ def list_rivals(cause: Cause) -> tuple[tuple[str, float], ...]:
 
 
 def is_headline(cause: Cause) -> bool:
-    """Whether a cause is likely enough for a headline: else it is only suspected."""
+    """Returns whether a cause is likely enough for a headline; a less likely cause is only
+    suspected."""
     return cause.probability >= HEADLINE_PROB and all(
         share < cause.probability for _rival, share in list_rivals(cause)
     )
 
 
 def sort_headlines(found: Diagnosis) -> Diagnosis:
-    """The diagnosis with the causes that are only suspected behind the others."""
+    """Returns the diagnosis with suspected causes after the others."""
     return replace(
         found, causes=tuple(sorted(found.causes, key=lambda cause: not is_headline(cause)))
     )
 
 
 def has_named_rivals(cause: Cause) -> bool:
-    """Whether a cause has rivals with a name that the data cannot separate from it: then all of
-    them are equals."""
+    """Returns whether the data cannot separate a cause from rivals with a name, so that all of them
+    are equals."""
     return any(rival != UNKNOWN for rival, _share in list_rivals(cause))
 
 
 def list_ties(cause: Cause) -> tuple[tuple[str, str], ...]:
-    """A cause and its rivals as equals, each with its probability: the data does not prefer any."""
+    """Returns a cause and its rivals as equals, each with its probability; the data prefer none."""
     own = (find_cause_title(cause), format_percent(cause.probability))
     return (
         (
@@ -130,8 +128,8 @@ def list_ties(cause: Cause) -> tuple[tuple[str, str], ...]:
 
 
 def format_heading(cause: Cause) -> str:
-    """The title of a cause, and whether it is more than suspected; of equals their number: none of
-    them is a headline until the next run."""
+    """Returns the title of a cause, marked if it is only suspected; for equals their number,
+    because none of them is a headline before the next run."""
     if has_named_rivals(cause):
         return _("one of these {count}, this data cannot tell which").format(
             count=len(list_ties(cause))
@@ -144,12 +142,12 @@ def format_heading(cause: Cause) -> str:
 
 
 def is_undecided(cause: Cause) -> bool:
-    """Whether no machine file adopts a cause unless somebody picks it by its name."""
+    """Returns whether a machine file adopts a cause only if the user selects it by its name."""
     return has_named_rivals(cause) or not is_headline(cause)
 
 
 def describe_time_span(cause: Cause) -> str:
-    """The part of the log with the effect; "" where it was there all along."""
+    """Returns the part of the log with the effect; "" for an effect in the whole log."""
     begin, end = f"{cause.onset_s or 0.0:.0f}", f"{cause.until_s or 0.0:.0f}"
     if cause.grows:
         size = cause.size
@@ -165,7 +163,7 @@ def describe_time_span(cause: Cause) -> str:
 
 
 def format_size(size: Size) -> str:
-    """A size and its 90 % interval."""
+    """Returns a size and its 90 % interval."""
     value = _("size not known") if size.value is None else f"{size.value:.3g} {_(size.unit)}"
     return value + (
         ""
@@ -175,7 +173,7 @@ def format_size(size: Size) -> str:
 
 
 def describe_field_cost(of: FieldCost) -> str:
-    """The effect on dose and place when nobody compensates it."""
+    """Returns the effect on dose and position without compensation."""
     if of.rate_error_percent is None and of.place_error_m is None:
         return "not known"
     said = []
@@ -192,12 +190,9 @@ def describe_field_cost(of: FieldCost) -> str:
     return "; ".join(said) or "nothing in dose or place"
 
 
-# --- what is left
-# --------------------------------------------------------------------------------------------------
-
-
 def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str:
-    """What no effect explains: how much, when, and the nearest effect. column: by its name too."""
+    """Returns the part that no effect explains: its size, its time, and the nearest effect.
+    `column` adds the name of the column."""
     if of.variable:
         name = _(find_variable(of.variable, kind).name)
         said = _("{channel} changes with {variable}; none of the known causes fits").format(
@@ -237,23 +232,19 @@ def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str
     return f"{said}: {'; '.join(facts)}."
 
 
-# --- what a machine file takes up
-# ------------------------------------------------------------------------------------
-
-
 def format_whole_id(of: UnattributedDriveFit) -> str:
-    """The id by which a drive fitted as a whole is adopted."""
+    """Returns the id by which a drive that was fitted as a whole is adopted."""
     return f"{of.channel} as a whole"
 
 
 def describe_whole(of: UnattributedDriveFit) -> str:
-    """A drive fitted as a whole: its effects, and the 90 % intervals."""
+    """Returns a drive that was fitted as a whole: its effects, and the 90 % intervals."""
     sizes = ", ".join(f"{find_effect_title(name)} {format_size(size)}" for name, size in of.sizes)
     return _("{channel} as a whole: {sizes}").format(channel=name_channel(of.channel), sizes=sizes)
 
 
 def describe_whole_gain(of: UnattributedDriveFit) -> str:
-    """The gain of a drive fitted as a whole."""
+    """Returns the gain of a drive that was fitted as a whole."""
     return _(
         "Which of these is wrong is not told apart. Adopted together they predict rows that "
         "were not fitted to: "
@@ -266,12 +257,13 @@ def describe_whole_gain(of: UnattributedDriveFit) -> str:
 
 
 def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of effects and terms that a machine file may adopt, and a line for each that it may
-    not."""
+    """Returns the ids of effects and terms that a machine file may adopt, and a line for each that
+    it may not."""
     kept, refused = ([] if found.fitted is None else [format_whole_id(found.fitted)]), []
     for cause in found.causes:
         if is_taken_whole(found, cause):
-            continue  # as far as it is right it is in that already
+            # The part of this effect that is certain is already in the fit of the whole drive.
+            continue
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
         elif why := not_adoptable(cause):
@@ -296,8 +288,9 @@ def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
 class NotSeen(NamedTuple):
     """Lists effects that were not found.
 
-    seen: with the size from which on each would have been; blind: effects that this data cannot
-    show, though data of its kind might; elsewhere: effects that need other data.
+    `seen` has the smallest size at which each would have been found, `blind` the effects that these
+    data cannot show although data of their kind might, `elsewhere` the effects that need other
+    data.
     """
 
     seen: tuple[NotShown, ...]
@@ -306,7 +299,7 @@ class NotSeen(NamedTuple):
 
 
 def list_not_seen(found: Diagnosis) -> NotSeen:
-    """The effects that were not found. Several kinds of data are joined by a plus."""
+    """Returns the effects that were not found. Several kinds of data are joined by a plus."""
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
     hoped_for = [
         one
@@ -325,13 +318,9 @@ def list_not_seen(found: Diagnosis) -> NotSeen:
     )
 
 
-# --- the verdict
-# --------------------------------------------------------------------------------------------------
-
-
 def list_not_judged(found: Diagnosis) -> tuple[str, ...]:
-    """Channels that a run log of this machine may have and that could not be judged in this log; of
-    bench tables none."""
+    """Returns channels that a run log of this machine may have and that could not be judged in this
+    log; none for bench tables."""
     may, judged = found.data.stages or RUN_CHANNELS, {channel.channel for channel in found.channels}
     return (
         tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged)
@@ -341,8 +330,8 @@ def list_not_judged(found: Diagnosis) -> tuple[str, ...]:
 
 
 def format_verdict_line(found: Diagnosis) -> str:
-    """Channels that were not judged, then the verdict, in one line; where rivals are tied, the test
-    that separates them."""
+    """Returns the channels that were not judged, then the verdict, in one line; for tied rivals
+    also the test that separates them."""
     if (
         found.verdict == "ambiguous"
         and found.next_run is not None
@@ -357,9 +346,9 @@ def format_verdict_line(found: Diagnosis) -> str:
 
 
 def _describe_next_test(found: Diagnosis) -> str:
-    """The next test, which leads: a name that this data cannot separate from others is no headline.
-    Where no test of the program's list separates them, their names lead, and that nothing here
-    decides."""
+    """Returns the next test, which comes first, because a name that the data cannot separate from
+    others is no headline. If no test of the program separates the rivals, their names come first,
+    with the remark that the data cannot decide."""
     assert found.next_run is not None
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     equals, what = (
@@ -421,7 +410,7 @@ def _format_verdict(found: Diagnosis) -> str:
 
 
 def _describe_doubtful(cause: Cause) -> str:
-    """One cause, and how many others it could be."""
+    """Returns one cause, and the number of other causes that are possible instead."""
     first, rivals = (
         find_cause_title(cause),
         [find_effect_title(one) for one, _share in list_rivals(cause)],
@@ -438,8 +427,8 @@ def _describe_doubtful(cause: Cause) -> str:
 
 
 def list_next_steps(found: Diagnosis) -> tuple[str, ...]:
-    """The next steps of a person, as the items of a list: each with a capital, and without the stop
-    of a sentence."""
+    """Returns the next steps of a person as items of a list, each with a capital and without a full
+    stop."""
     steps = (_(step) for step in found.next_run.to_do()) if found.next_run is not None else ()
     return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
 
@@ -447,9 +436,11 @@ def list_next_steps(found: Diagnosis) -> tuple[str, ...]:
 def describe_improvement(
     old: float, new: float, low: float | None, high: float | None, lead: str = ""
 ) -> str:
-    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and the 90
-    % interval of old less new; None where the log is too short for it. lead: text before the
-    word."""
+    """Returns whether a new machine file predicts a channel better, by the r.m.s. errors of both
+    and the 90 % interval of old minus new.
+
+    The interval is None for a log that is too short. `lead` is the text before the word.
+    """
     if low is None or high is None:
         return _("the log is too short to say")
     if low <= 0.0 <= high:

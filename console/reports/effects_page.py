@@ -1,5 +1,6 @@
-"""The catalogue of effects as a page of documentation: read off the parameters, never written
-by hand."""
+"""How is the catalogue of effects written as a page of documentation? It is generated from the
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ MEMBER_NAMES = {"heads": "head", "flow": "outlet"}
 def format_effects_page(
     catalogue: Mapping[str, CatalogueEntry], machine: Machine = NOMINAL_MACHINE
 ) -> str:
-    """Write the page: the ids of each stage, then each effect, in the order of the catalogue."""
+    """Returns the page: the ids of each stage, then each effect, in the order of the catalogue."""
     stages = list(dict.fromkeys(entry.stage for entry in catalogue.values()))
     lines = [PAGE_HEAD.format(id=machine.id).rstrip("\n")]
     for stage in stages:

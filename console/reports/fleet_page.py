@@ -1,5 +1,6 @@
-"""One page for the owner of machines: worst first by kilograms and money, time lines, what to
-do at next service."""
+"""How does an owner of machines see a season? One page lists machines by kilograms and money lost,
+their time lines, and the steps of the next service.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,10 @@ from topdress.control.diagnosis.season.season_cost import Low, MachineSeason, is
 from topdress.control.machine.machine import CATALOGUE
 from topdress.drivers import day_clock
 
-MOST_PICTURED = 40  # machines with pictures
-MOST_DATES = 7  # along a picture
+# Number of machines with pictures.
+MOST_PICTURED = 40
+# Number of dates along a picture.
+MOST_DATES = 7
 FACTOR_NAMES = {
     "product": N_("product"),
     "operator": N_("operator"),
@@ -49,10 +52,10 @@ def make_fleet_page(
     aside: Sequence[tuple[str, str]] = (),
     by_file_date: int = 0,
 ) -> str:
-    """A whole HTML page.
+    """Returns a whole HTML page.
 
-    price: of a kilogram; None: no money. aside: path and date of logs whose clock was wrong.
-    by_file_date: number of logs without a time of their own.
+    `price` is the price of a kilogram; None omits money. `aside` has path and date of logs with a
+    wrong clock. `by_file_date` is the number of logs without a time of their own.
     """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
     wrong = _format_expected(
@@ -159,7 +162,7 @@ def make_fleet_page(
 def _format_expected(
     expected: float, least: float, most: float, digits: int = 0, sign: str = ""
 ) -> str:
-    """The expected value, and its range where a set of causes leaves it open."""
+    """Returns the expected value, and its range where a set of causes leaves it open."""
     mid, low, high = (
         f"{one:{sign}.{digits}f}" if sign else format_fixed(one, digits)
         for one in (expected, least, most)
@@ -170,8 +173,8 @@ def _format_expected(
 
 
 def _make_level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str]:
-    """Every operator and product of each effect that is reported, the commonest among them, with
-    its interval."""
+    """Yields every operator and product of each reported effect, the most frequent marked, with its
+    interval."""
     for effect in sorted({one.effect for one in fit.levels}):
         rows = [
             [
@@ -203,14 +206,14 @@ def _make_level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str
 
 
 def find_member_title(name: str) -> str:
-    """An effect's title; of a member's, with its number."""
+    """Returns an effect's title; for an effect of one head or outlet with its number."""
     effect_id, _hash, member = name.partition("#")
     title = _(CATALOGUE[effect_id].effect.title)
     return f"{title} {member}" if member else title
 
 
 def describe_costliest(one: MachineSeason) -> str:
-    """The costliest cause of a machine that is still there, its own or shared; or its set of
+    """Returns the costliest present cause of a machine, its own or shared; or its set of
     alternatives."""
     cause = next((cost.cause for cost in one.costs if is_still_there(cost.cause)), None)
     if cause is None:
@@ -220,7 +223,7 @@ def describe_costliest(one: MachineSeason) -> str:
 
 
 def describe_alternatives(cause: Cause) -> str:
-    """A cause, or all that it may be with their probabilities."""
+    """Returns a cause, or all alternatives with their probabilities."""
     if len(cause.alternatives) < 2:
         return find_member_title(cause.effect)
     own = cause.factor, cause.level
@@ -237,8 +240,8 @@ def _format_factor(one: Cause | Alternative) -> str:
 
 
 def list_service_steps(machines: Sequence[MachineSeason]) -> list[str]:
-    """The steps at the next service, costliest first over all machines; a product's step is done
-    once; a set of alternatives is separated first."""
+    """Returns the steps of the next service, costliest first over all machines. A product's step is
+    listed once; a set of alternatives is separated first."""
     sums = dict[tuple[str, Cause], list[float]]()
     for one in machines:
         for cost in one.costs:
@@ -258,7 +261,8 @@ def list_service_steps(machines: Sequence[MachineSeason]) -> list[str]:
 
 
 def _describe_advice(cause: Cause) -> str:
-    """The effect of a cause and its remedy; of alternatives each, to be checked in turn."""
+    """Returns the effect of a cause and its remedy; for alternatives each of them, to be checked in
+    turn."""
     sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
     sizes[cause.effect] = cause.now
     said = [
@@ -271,7 +275,7 @@ def _describe_advice(cause: Cause) -> str:
 
 
 def describe_for_owner(effect: str, size: float) -> str:
-    """An effect in the words of the machine's owner, and its remedy."""
+    """Returns an effect in the words of the machine's owner, and its remedy."""
     found = CATALOGUE[effect.partition("#")[0]].effect
     return _("{what} {advice}").format(
         what=_(found.choose_sentence(size)).format(size=f"{abs(size):.2g}"), advice=_(found.advice)
@@ -279,7 +283,8 @@ def describe_for_owner(effect: str, size: float) -> str:
 
 
 def describe_course(course: Cause, unit: str, kg: str) -> str:
-    """The course of an effect over the season, in one sentence. kg: mass that it spread wrongly."""
+    """Returns the time course of an effect over the season, in one sentence. `kg` is the mass that
+    was misapplied because of it."""
     last = course.pieces[-1]
     said = _("{title}: {kg} kg spread wrongly; {size} {unit} +- {half} at the end").format(
         title=find_member_title(course.effect),
@@ -313,7 +318,7 @@ def describe_course(course: Cause, unit: str, kg: str) -> str:
 
 
 def describe_shared(one: Cause, units: Mapping[str, str]) -> str:
-    """A shared effect in one sentence."""
+    """Returns a shared effect in one sentence."""
     said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
         factor=_format_factor(one),
         title=find_member_title(one.effect),
@@ -330,7 +335,7 @@ def describe_shared(one: Cause, units: Mapping[str, str]) -> str:
 
 
 def describe_same(one: Same) -> str:
-    """Two levels with the same logs, in one sentence."""
+    """Returns two levels of a factor with the same logs, in one sentence."""
     return _(
         "{one} and {other} have the same logs: whose doing something is, they cannot tell"
     ).format(
@@ -345,7 +350,7 @@ def _translate_unit(effect: str, units: Mapping[str, str]) -> str:
 
 
 def describe_low_hopper(one: Low) -> str:
-    """An operator who works with the hopper nearly empty, in one sentence."""
+    """Returns an operator who works with a nearly empty hopper, in one sentence."""
     return _(
         "operator {name} works {minutes} min an hour with the hopper nearly empty, the "
         "others {others} "
@@ -359,7 +364,7 @@ def describe_low_hopper(one: Low) -> str:
 
 
 def describe_left_out(one: tuple[str, str]) -> str:
-    """A log whose clock was wrong, in one sentence."""
+    """Returns a log with a wrong clock, in one sentence."""
     path, date = one
     return _(
         "{path}: its clock said {date}: left out of the courses and sums; its true time may "
@@ -384,7 +389,8 @@ def _format_machine(one: MachineSeason, units: Mapping[str, str], number: int) -
 
 
 def _draw_course(course: Cause, unit: str, kg: str) -> Picture:
-    """Each log's size with its interval, and the pieces of the course."""
+    """Returns a picture of each log's size with its interval, and of the pieces of the
+    time course."""
     said = describe_course(course, unit, kg)
     sheet = ChartSheet(7.2, 2.2)
     panel = sheet.panel
@@ -401,7 +407,7 @@ def _draw_course(course: Cause, unit: str, kg: str) -> Picture:
 
 
 def _make_date_ticks(low_d: float, high_d: float, most: int) -> list[Tick]:
-    """Whole days between two times, days since 1970, at most so many, as dates."""
+    """Returns whole days between two times (days since 1970), at most `most`, as dates."""
     every = max(1, ceil((high_d - low_d) / min(most, MOST_DATES)))
     return [(float(day), _format_date(day)) for day in range(ceil(low_d), floor(high_d) + 1, every)]
 

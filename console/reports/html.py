@@ -1,4 +1,4 @@
-"""Words into HTML: everything that comes from files or users is escaped here."""
+"""How are words written into HTML? All text from files or users is escaped here."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from topdress.console.reports.chart import ChartSheet
 
-# in the head of every page: whose it is
+# This element in every page names the program that made it.
 GENERATOR_META = '<meta name="generator" content="topdress">'
-# No page may fetch or run anything, whatever words a hostile file has put into it; scales of
-# colour are pictures in it.
+# No page may fetch or run anything, whatever text a hostile file contains; colour scales are
+# embedded pictures.
 POLICY_META = (
     '<meta http-equiv="Content-Security-Policy" '
     """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">"""
@@ -23,19 +23,20 @@ class Picture(NamedTuple):
     """Holds a picture of a page: the whole `<svg>`, ready to be written."""
 
     svg: str
-    caption: str  # plain text, not escaped
-    # The chart that it was made of, to be styled anew; None: it is no chart.
+    # Plain text, not escaped.
+    caption: str
+    # The chart of this picture, which can be drawn again in another style; None for other pictures.
     sheet: ChartSheet | None = None
 
 
 def escape_text(text: object) -> str:
-    """The text with the signs of HTML escaped."""
+    """Returns the text with the special characters of HTML escaped."""
     return _escape(str(text), quote=True)
 
 
 def make_page(title: str, body: str, style: str = "") -> str:
-    """A whole page, nothing fetched from elsewhere. title: plain text. body: HTML. style: further
-    rules."""
+    """Returns a whole page that fetches nothing. `title` is plain text, `body` HTML, `style`
+    further rules."""
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY_META}\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -45,14 +46,14 @@ def make_page(title: str, body: str, style: str = "") -> str:
 
 
 def format_paragraph(text: str, kind: str = "") -> str:
-    """Plain text in a paragraph."""
+    """Returns plain text in a paragraph."""
     return f"<p{_format_class(kind)}>{escape_text(text)}</p>"
 
 
 def format_table(
     head: Sequence[str], rows: Iterable[Sequence[str]], numbers: frozenset[int] = frozenset()
 ) -> str:
-    """Plain text in cells; columns in `numbers` are set to the right."""
+    """Returns plain text in cells; columns in `numbers` are right-aligned."""
     heads = "".join(
         f'<th scope="col"{_format_class("number" if k in numbers else "")}>{escape_text(text)}</th>'
         for k, text in enumerate(head)
@@ -74,7 +75,7 @@ def format_table(
 
 
 def format_facts(pairs: Iterable[tuple[str, str]]) -> str:
-    """Pairs of a plain word and a piece of HTML."""
+    """Returns pairs of a plain word and a piece of HTML as a list of facts."""
     return (
         "<dl>"
         + "\n".join(f"<dt>{escape_text(word)}</dt><dd>{said}</dd>" for word, said in pairs)
@@ -83,7 +84,7 @@ def format_facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 def format_list(texts: Iterable[str], ordered: bool = False) -> str:
-    """Plain texts as a list; nothing where there is none."""
+    """Returns plain texts as a list; empty without texts."""
     tag, inside = (
         "ol" if ordered else "ul",
         "\n".join(f"<li>{escape_text(text)}</li>" for text in texts),
@@ -92,7 +93,7 @@ def format_list(texts: Iterable[str], ordered: bool = False) -> str:
 
 
 def format_section(title: str, *inside: str, kind: str = "") -> str:
-    """A titled part of the page; nothing where nothing is inside."""
+    """Returns a part of the page with a title; empty without content."""
     body = "\n".join(part for part in inside if part)
     return (
         f"<section{_format_class(kind)}><h2>{escape_text(title)}</h2>\n{body}\n</section>"
@@ -102,7 +103,7 @@ def format_section(title: str, *inside: str, kind: str = "") -> str:
 
 
 def format_folded(title: str, *inside: str) -> str:
-    """Parts that a reader may open; on paper they stand open. Nothing where nothing is inside."""
+    """Returns content that a reader may open; on paper it is open. Empty without content."""
     body = "\n".join(part for part in inside if part)
     return (
         f'<details class="fold"><summary>{escape_text(title)}</summary>\n{body}\n</details>'
@@ -112,7 +113,7 @@ def format_folded(title: str, *inside: str) -> str:
 
 
 def format_figure(picture: Picture | None) -> str:
-    """A picture with its caption; nothing without one."""
+    """Returns a picture with its caption; empty without a picture."""
     if picture is None:
         return ""
     return f"<figure>{picture.svg}<figcaption>{escape_text(picture.caption)}</figcaption></figure>"
@@ -122,7 +123,8 @@ def _format_class(kind: str) -> str:
     return f' class="{kind}"' if kind else ""
 
 
-# Day, night and paper; colours that colour-blind readers tell apart, and shapes besides.
+# Styles for day, night and paper; the colours are distinguishable for colour-blind readers, and
+# shapes differ too.
 PAGE_STYLE = """
 :root { color-scheme: light dark; --paper:#ffffff; --ink:#16191d; --dim:#6a7179; --line:#8b9198;
 --grid:#e3e6e9;

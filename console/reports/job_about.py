@@ -1,5 +1,6 @@
-"""What a handover sheet tells next to the figures: whose job, of what, by whom, simulated or
-not; alarms and refills."""
+"""Which facts besides the figures does the report of a job contain? They are customer, field,
+product, operator, simulation, alarms and refills.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +14,12 @@ from topdress.control.orders import Severity
 from topdress.control.safety import ALARMS
 from topdress.drivers.files.read_log import RunLog
 
-MOST_ALARM_KINDS = 12  # kinds on the time line; the longest
+# Number of kinds of alarms on the time line; the longest are shown.
+MOST_ALARM_KINDS = 12
 
 
 class AlarmSpan(NamedTuple):
-    """Holds an alarm from when to when, s."""
+    """Holds begin and end of an alarm, s."""
 
     id: str
     from_s: float
@@ -28,21 +30,24 @@ class JobEvents(NamedTuple):
     """Holds alarms, refills and working spans of a job."""
 
     alarms: tuple[AlarmSpan, ...] = ()
-    refills: tuple[tuple[float, float], ...] = ()  # s, kg
-    working: tuple[tuple[float, float], ...] = ()  # from, to, s
-    # as said at START: outside the stages of the crop's rule
+    # Pairs of time (s) and mass (kg).
+    refills: tuple[tuple[float, float], ...] = ()
+    # Pairs of begin and end, s.
+    working: tuple[tuple[float, float], ...] = ()
+    # Note at START that the crop is outside of the stages of its rule; empty inside.
     growth: str = ""
 
 
 class JobMetadata(NamedTuple):
-    """Holds facts of a job next to its figures. Empty: not known."""
+    """Holds facts of a job besides its figures; empty for unknown facts."""
 
     who: JobNames = JobNames()
     crop: str = ""
     map: str = ""
     simulated: bool = False
     happened: JobEvents = JobEvents()
-    price_per_kg: float | None = None  # of the product, as the job says
+    # Price of the product in the job file.
+    price_per_kg: float | None = None
     currency: str = ""
 
 
@@ -50,7 +55,7 @@ NO_METADATA = JobMetadata()
 
 
 def read_job_metadata(log: RunLog) -> JobMetadata:
-    """The facts in the log's sidecar and its rows."""
+    """Returns the facts in the log's sidecar and its rows."""
     meta = log.meta
     job = dict(meta.job or {}) if meta is not None else {}
     crop = dict(meta.crop or {}) if meta is not None else {}
@@ -78,13 +83,13 @@ def read_job_metadata(log: RunLog) -> JobMetadata:
 
 
 def _parse_price(value: object) -> float | None:
-    """The price in a sidecar; None where it is none."""
+    """Returns the price in a sidecar; None without a valid price."""
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
     return float(number) if number is not None and isfinite(number) and number >= 0.0 else None
 
 
 def find_job_events(log: RunLog) -> JobEvents:
-    """Spans of alarms and of work, and refills, from the rows."""
+    """Returns spans of alarms and of work, and refills, from the rows."""
     stands: dict[str, float] = {}
     spans: list[AlarmSpan] = []
     refills: list[tuple[float, float]] = []
@@ -129,7 +134,7 @@ def _parse_number_or_zero(text: str) -> float:
 
 
 def format_names(about: JobMetadata, product: str) -> str:
-    """The sheet's head: a name that is not known is a line to be filled in by hand."""
+    """Returns the head of the report; an unknown name is an empty line to be filled in by hand."""
     who = about.who
     pairs = [
         ("Client", who.client),
@@ -154,8 +159,8 @@ def format_names(about: JobMetadata, product: str) -> str:
 
 
 def draw_time_line(about: JobMetadata) -> Picture | None:
-    """Work, refills and each kind of alarm over the job's time; None where nothing happened besides
-    work."""
+    """Returns work, refills and each kind of alarm over the job's time; None without alarms and
+    refills."""
     happened = about.happened
     if not happened.alarms and not happened.refills:
         return None

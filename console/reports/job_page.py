@@ -1,5 +1,6 @@
-"""The report of a job: what was applied where, how much, how evenly, and how far from the
-target."""
+"""How is a job reported? The page shows the applied rates by position, the total, the evenness, and
+the difference to the target.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +27,12 @@ from topdress.control.field.across import describe_width_error
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.exports.as_applied import AsApplied
 
-# the histogram's ends; what lies beyond is counted in its outermost bars
+# End of the histogram; larger errors are counted in its outermost bars.
 LARGEST_ERROR_PERCENT = 20.0
-MOST_STRETCHES = 4000  # that a map draws one by one
-# per cent of the stretches: of a job that is clogged for most of it the rest is usual
+# Number of segments up to which a map draws each one.
+MOST_STRETCHES = 4000
+# Percentile of the segments with normal effort, low enough for a job that is clogged most of the
+# time.
 EASY_PERCENTILE = 25.0
 # of what a sound drive is off from run to run, by the machine file's tolerance
 RISE_SD = 2.0
@@ -42,7 +45,7 @@ TARGET_NOTE = (
 
 
 def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_METADATA) -> str:
-    """A whole HTML page, pictures inside, nothing fetched from elsewhere: a sheet to hand over."""
+    """Returns a whole HTML page with embedded pictures that fetches nothing, to be handed over."""
     t = applied.totals
     said = (
         f"{format_fixed(t.applied_kg, 1)} kg of {applied.product.name} on "
@@ -171,7 +174,7 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
 
 
 def list_costs(applied: AsApplied, about: JobMetadata) -> list[tuple[str, str]]:
-    """Costs of the product, where the job has its price: in all, of a hectare worked, and of less
+    """Returns the costs of the product if the job has its price: in total, per hectare, and of less
     or more than the target."""
     if about.price_per_kg is None:
         return []
@@ -199,8 +202,11 @@ def list_costs(applied: AsApplied, about: JobMetadata) -> list[tuple[str, str]]:
 
 
 def calc_plan_evenness(applied: AsApplied) -> list[tuple[str, str]]:
-    """Evenness of the dose without the plan's own differences: the r.m.s. of applied less wanted,
-    wanted scaled to the total applied, over the mean applied; by area."""
+    """Returns the evenness of the dose without the plan's own differences.
+
+    It is the r.m.s. of applied minus target, with the target scaled to the total applied, divided
+    by the mean applied, weighted by area.
+    """
     s = applied.stretches
     known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
     if not known.any():
@@ -219,8 +225,8 @@ def calc_plan_evenness(applied: AsApplied) -> list[tuple[str, str]]:
 
 
 def draw_applied_map(applied: AsApplied) -> Picture:
-    """The ground covered, coloured by the wanted rate and, next to it on the same scale, by the
-    applied."""
+    """Returns the covered ground, coloured by the target rate and by the applied rate on the same
+    scale."""
     s = applied.stretches
     shown = [("wanted", s.target_kg_ha)] * bool(np.isfinite(s.target_kg_ha).any()) + [
         ("applied", s.applied_kg_ha)
@@ -234,8 +240,11 @@ def draw_applied_map(applied: AsApplied) -> Picture:
 
 
 def calc_effort_rise(applied: AsApplied) -> Values:
-    """Rise of the metering drive's effort in each stretch (n,) over the job's easy ones, %: a
-    machine file whose numbers nobody measured moves all alike. All NaN where it is not known."""
+    """Returns the rise of the metering drive's effort in each segment (n,) over the job's normal
+    segments, %; all NaN where unknown.
+
+    An unmeasured machine file shifts all segments equally, so the rise does not depend on it.
+    """
     percent = applied.stretches.effort_percent
     return (
         percent - np.nanpercentile(percent, EASY_PERCENTILE)
@@ -245,8 +254,8 @@ def calc_effort_rise(applied: AsApplied) -> Values:
 
 
 def format_effort_section(applied: AsApplied) -> str:
-    """Where the metering drive's effort rose: stones, clods, wet product; "" where no drive reports
-    it."""
+    """Returns where the metering drive's effort rose (stones, clods, wet product); "" where no
+    drive reports its effort."""
     rise, s = calc_effort_rise(applied), applied.stretches
     if not np.isfinite(rise).any():
         return ""
@@ -265,7 +274,7 @@ def format_effort_section(applied: AsApplied) -> str:
             f"the log",
         ),
     ]
-    # starts and stops would take all the colours
+    # Starts and stops would otherwise take the whole range of colours.
     inside = np.clip(rise, *np.nanpercentile(rise, (1.0, 99.0)))
     said = Picture(
         _draw_ground_maps(applied, [("effort", inside)], "% harder", "Map of the drive's effort"),
@@ -282,8 +291,8 @@ def format_effort_section(applied: AsApplied) -> str:
 def _draw_ground_maps(
     applied: AsApplied, shown: list[tuple[str, Values]], unit: str, title: str
 ) -> str:
-    """Maps of the ground covered next to each other on one scale, as SVG: each value (n,) by its
-    stretch."""
+    """Returns maps of the covered ground next to each other on one scale, as SVG: each value (n,)
+    by its segment."""
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.project_many_to_m(
@@ -312,15 +321,15 @@ def _draw_ground_maps(
 
 
 def calc_error_percent(applied: AsApplied) -> tuple[np.ndarray, np.ndarray]:
-    """Applied over target less one, %, and the area of each, m2; only where something was
-    wanted."""
+    """Returns applied divided by target minus one, %, and the area of each, m2; only for segments
+    with a target."""
     s = applied.stretches
     known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
     return 100.0 * (s.applied_kg_ha[known] / s.target_kg_ha[known] - 1.0), s.area_m2[known]
 
 
 def describe_errors(applied: AsApplied) -> str:
-    """Errors of the rate in a paragraph of HTML."""
+    """Returns errors of the rate in a paragraph of HTML."""
     error, area = calc_error_percent(applied)
     if not len(error):
         return "<p>No target was logged.</p>"
@@ -336,7 +345,7 @@ def describe_errors(applied: AsApplied) -> str:
 
 
 def draw_error_histogram(applied: AsApplied) -> Picture | None:
-    """Histogram of the errors by area; None without targets."""
+    """Returns a histogram of the errors by area; None without targets."""
     error, area = calc_error_percent(applied)
     if not len(error):
         return None

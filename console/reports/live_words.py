@@ -1,5 +1,6 @@
-"""A departure from the model in one line, in the language in use: what, by how much, since
-when, probably why."""
+"""How is a departure from the model told in one line, in the language in use? The line has channel,
+size, begin and probable cause.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +8,15 @@ from topdress.console.locale import _
 from topdress.console.reports.diagnosis_wording import find_effect_title, name_channel
 from topdress.control.diagnosis.result import Departure
 
-LEAST_SHOWN_PERCENT = 0.5  # of the dose: less is not given as a number
+# Share of the dose, %, below which no number is given.
+LEAST_SHOWN_PERCENT = 0.5
 
 
 def format_departure(found: Departure, since: str, why: bool = True) -> str:
-    """A departure in one line.
+    """Returns a departure in one line.
 
-    since: time of day or of the log; empty: not known, or left out as the name is without `why`.
+    `since` is a time of day or of the log; empty for an unknown time. The name of the cause is
+    omitted without `why`.
     """
     said = describe_change(found)
     if since:
@@ -26,7 +29,7 @@ def format_departure(found: Departure, since: str, why: bool = True) -> str:
 
 
 def describe_change(found: Departure) -> str:
-    """The channel that departs, and by how much of the dose."""
+    """Returns the departing channel, and the departure as a share of the dose."""
     channel = name_channel(found.channel)
     if found.percent is None or abs(found.percent) < LEAST_SHOWN_PERCENT:
         return _("{channel} is not as it should be").format(channel=channel)
@@ -48,8 +51,8 @@ def describe_change(found: Departure) -> str:
 
 
 def describe_next_step(found: Departure, console: bool = True) -> str:
-    """The offer once the machine is held. console: there is a page for it; else a command does
-    it."""
+    """Returns the offer after the machine is held. `console` means that a page can do it; otherwise
+    a command does."""
     if found.next_run and not found.adoptable:
         return _("{offer}: {plan}").format(
             offer=describe_offer(found, console), plan=_(found.next_run)
@@ -58,7 +61,7 @@ def describe_next_step(found: Departure, console: bool = True) -> str:
 
 
 def describe_offer(found: Departure, console: bool = True) -> str:
-    """The offer without the run that separates rivals."""
+    """Returns the offer without the run that separates rivals."""
     if not console:
         if found.adoptable:
             return _("adopt it into the machine file: topdress diagnose --adopt")

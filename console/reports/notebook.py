@@ -1,5 +1,6 @@
-"""A diagnosis in a notebook: what stands below a cell, and its pictures. Needs no server and no
-files of its own."""
+"""How is a diagnosis shown in a notebook? The text below a cell and its pictures need neither
+server nor files.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ SCOPED_STYLE = PAGE_STYLE[: PAGE_STYLE.index("* { box-sizing")].replace(":root",
 
 
 class Pictures:
-    """Pictures of a diagnosis: shown below a notebook's cell, kept with `save`.
+    """Holds the pictures of a diagnosis: shown below a notebook's cell, stored by `save`.
 
     `pictures[k]` is the k-th as a `ChartSheet`, whose panels may be changed before it is shown.
     """
@@ -54,11 +55,11 @@ class Pictures:
 
     @property
     def svgs(self) -> tuple[str, ...]:
-        """Each picture by itself, as SVG."""
+        """Returns each picture as SVG."""
         return tuple(one.svg for one in self._list_redrawn())
 
     def _list_redrawn(self) -> list[Picture]:
-        """The pictures, drawn anew: their charts may have been changed."""
+        """Returns the pictures, drawn again, because their charts may have been changed."""
         return [
             one if one.sheet is None else one._replace(svg=one.sheet.to_svg(one.caption))
             for one in self._pictures
@@ -68,7 +69,7 @@ class Pictures:
         return wrap_html("".join(format_figure(one) for one in self._list_redrawn()))
 
     def save(self, path: str | Path) -> Path:
-        """Write the pictures as a page at `path` (.html). Raises OSError."""
+        """Writes the pictures as a page to `path` (.html). Raises OSError."""
         from topdress.console.reports.html import make_page
         from topdress.drivers.files.atomic import write_atomically
 
@@ -81,8 +82,8 @@ MOST_SUMMARY_LINES = 15
 
 
 def summarise_diagnosis(found: Diagnosis) -> str:
-    """Verdict, notes, causes, terms, unexplained parts, rival and gain, a line each; lines beyond
-    15 are counted."""
+    """Returns verdict, notes, causes, terms, unexplained parts, rival and gain, one line each;
+    lines beyond 15 are counted."""
     ordered = sort_headlines(found)
     lines = [summarise_terminal(ordered)[0], *(f"note: {one}" for one in found.findings[:3])]
     for cause in ordered.causes:
@@ -119,7 +120,8 @@ def summarise_diagnosis(found: Diagnosis) -> str:
 
 
 def make_causes_frame(found: Diagnosis) -> Any:
-    """The causes as a data frame, a row each. Raises ValueError, one line, without its library."""
+    """Returns the causes as a data frame with one row each. Raises ValueError, one line, without
+    its library."""
     causes = found.causes
     return _make_data_frame(
         found,
@@ -138,7 +140,7 @@ def make_causes_frame(found: Diagnosis) -> Any:
 
 
 def summarise_compared(compared: Compared) -> str:
-    """A line for each note and each channel."""
+    """Returns a line for each note and each channel."""
     lines = [f"note: {one}" for one in compared.findings]
     lines += [
         f"{one.channel}: error {format_number(one.old)} -> {format_number(one.new)} {one.unit}, "
@@ -150,12 +152,13 @@ def summarise_compared(compared: Compared) -> str:
 
 
 def draw_compared(compared: Compared) -> Pictures:
-    """A stretch and the error over time of each channel, under both machine files."""
+    """Returns pictures of an interval and of the error over time for each channel, under both
+    machine files."""
     return Pictures(tuple(draw_comparison(one) for one in compared.channels))
 
 
 def make_residuals_frame(found: Diagnosis) -> Any:
-    """Measured, predicted and residual of every channel. Raises ValueError, one line."""
+    """Returns measured, predicted and residual of every channel. Raises ValueError, one line."""
     from topdress.console.reports.run_views import list_effect_instances, make_run_views
     from topdress.control.diagnosis.extend import extend
 
@@ -196,13 +199,13 @@ def _find_diagnosed_log(found: Diagnosis) -> tuple[Any, Machine]:
 
 
 def wrap_html(inside: str) -> str:
-    """The HTML with the styles of a notebook's cell."""
+    """Returns the HTML with the styles of a notebook's cell."""
     return f'<div class="topdress"><style>{SCOPED_STYLE}</style>{inside}</div>'
 
 
 def load_named_machine(name: str) -> Machine:
-    """A machine file by its path, or by its name where it comes with topdress. Raises ValueError,
-    one line."""
+    """Returns a machine file by its path, or by its name for a shipped file. Raises ValueError, one
+    line."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.kinds import MACHINE
@@ -214,7 +217,7 @@ def load_named_machine(name: str) -> Machine:
 
 
 def format_notebook_html(found: Diagnosis) -> str:
-    """Verdict, causes, errors by channel."""
+    """Returns verdict, causes and errors by channel."""
     rows = []
     for cause in found.causes:
         value, interval = (
@@ -263,8 +266,8 @@ def format_notebook_html(found: Diagnosis) -> str:
 
 
 def _format_predicted(found: Diagnosis) -> str:
-    """Errors of each channel on the whole log: of the machine file, of the extended one, of the
-    rival."""
+    """Returns the errors of each channel on the whole log: of the machine file, of the extended
+    file, of the rival."""
 
     def format_cell(value: float | None, over: tuple[str, ...] = ()) -> str:
         return (
@@ -303,8 +306,8 @@ def _format_predicted(found: Diagnosis) -> str:
 
 
 def draw_diagnosis(found: Diagnosis) -> Pictures:
-    """The pictures of `topdress diagnose --report`. Raises ValueError, one line, without the
-    log."""
+    """Returns the pictures of `topdress diagnose --report`. Raises ValueError, one line, without
+    the log."""
     from topdress.console.reports.pictures import draw_pictures as drawn
 
     columns, machine = _find_diagnosed_log(found)

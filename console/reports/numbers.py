@@ -1,5 +1,6 @@
-"""Numbers as people write them: few digits, no powers of ten, an interval with the digits that
-it deserves."""
+"""How are numbers written for people? They have few digits, no powers of ten, and as many digits as
+their interval justifies.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +8,12 @@ from math import floor, isfinite, log10
 
 MINUS_SIGN = "\N{MINUS SIGN}"
 MOST_DECIMALS = 6
-MOST_VALUE_DIGITS = 4  # of a value, however narrow its interval
+# Number of digits of a value, however narrow its interval.
+MOST_VALUE_DIGITS = 4
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
-    """Value with so many significant digits; a dash where it is not known."""
+    """Returns the value with `digits` significant digits; a dash for an unknown value."""
     if value is None or not isfinite(value):
         return "\N{EN DASH}"
     if abs(value) < 0.5 * 10.0**-MOST_DECIMALS:
@@ -20,7 +22,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_fixed(value: float, decimals: int) -> str:
-    """Value with so many decimals; negative ones round to tens, hundreds."""
+    """Returns the value with `decimals` decimals; negative numbers round to tens, hundreds."""
     decimals = min(MOST_DECIMALS, decimals)
     text = f"{round(value, decimals):.{max(0, decimals)}f}"
     if not text.strip("-0."):
@@ -29,25 +31,26 @@ def format_fixed(value: float, decimals: int) -> str:
 
 
 def use_plain_minus(text: str) -> str:
-    """The text with a minus that every terminal has."""
+    """Returns the text with a minus that every terminal can show."""
     return text.replace(MINUS_SIGN, "-")
 
 
 def format_short(value: float, digits: int = 3) -> str:
-    """The number without trailing zeros, for a terminal."""
+    """Returns the number without trailing zeros, for a terminal."""
     text = use_plain_minus(format_number(value, digits))
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def count_decimals(half_width: float) -> int:
-    """Decimals that an interval of this half width deserves: two of its own digits."""
+    """Returns the number of decimals for an interval of this half width: two of its own digits."""
     if not isfinite(half_width) or half_width <= 0.0:
         return 3
     return 1 - floor(log10(half_width))
 
 
 def format_with_interval(value: float, low: float | None, high: float | None) -> tuple[str, str]:
-    """Value, and its interval in words ("" where there is none), to the same decimals."""
+    """Returns the value and its interval in words ("" without an interval) with the same
+    decimals."""
     if low is None or high is None or not high > low:
         return format_number(value), ""
     largest = max(abs(low), abs(high))
@@ -61,17 +64,17 @@ def format_with_interval(value: float, low: float | None, high: float | None) ->
 
 
 def format_percent(share: float) -> str:
-    """A probability that does not claim certainty."""
+    """Returns a probability as a percentage that is never 0 or 100."""
     return ">99 %" if share > 0.995 else "<1 %" if share < 0.005 else f"{100.0 * share:.0f} %"
 
 
 def format_p_value(value: float) -> str:
-    """A p value with three decimals."""
+    """Returns a p value with three decimals."""
     return f"{value:.3f}" if value >= 0.001 else "<0.001"
 
 
 def format_duration(duration_s: float) -> str:
-    """A duration, s, as on a clock."""
+    """Returns a duration, given in s, as on a clock."""
     seconds = int(round(duration_s))
     if seconds < 120:
         return f"{seconds} s"

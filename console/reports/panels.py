@@ -1,5 +1,6 @@
-"""Parts of a picture that runs and tables share: binned residuals before and after, a smooth
-line, legends."""
+"""Which parts of pictures do runs and tables share? They are binned residuals before and after, a
+smooth line, and legends.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +12,10 @@ from topdress.console.reports.chart import AFTER, BEFORE, PAPER, THIRD, Panel
 Array = npt.NDArray[np.float64]
 
 NOMINAL, EXTENDED, MEASURED = "nominal machine", "with the causes", "measured"
-# in place of the nominal machine, where there are several: each shows its own
+# Legend in place of the nominal machine if several causes exist, because each picture shows its own
+# cause.
 OTHER_CAUSES = "with the other causes"
-# of a smooth nameless dependence, as in the machine model's own tables
+# Number of half-waves of a smooth dependence without a name, as in the machine model's tables.
 HALF_WAVES = 4
 
 
@@ -25,8 +27,8 @@ def draw_residual_panel(
     unit: str,
     first: str = NOMINAL,
 ) -> None:
-    """Draw means before (hollow, dashed; `first` names their machine) and after (filled) over an
-    axis, with bands of 90 %; None: nothing is named."""
+    """Draws means before (hollow, dashed; `first` names their machine) and after (filled) over an
+    axis, with 90 % bands. None omits a part."""
     series = [(before, BEFORE, "o", "--", first, -1.0)]
     if after is not None:
         series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
@@ -69,7 +71,7 @@ def _draw_means(
 
 
 def draw_smooth_line(panel: Panel, at: Array, values: Array) -> None:
-    """Draw least-squares half-waves over the range of `at`: the smooth function that the machine
+    """Draws least-squares half-waves over the range of `at`: the smooth function that the machine
     model would adopt without a name."""
     low, high = (
         np.percentile(at, (1.0, 99.0)) if len(at) > 200 else (float(at.min()), float(at.max()))

@@ -1,4 +1,6 @@
-"""The page of `topdress reproduce`: what the papers print next to what this program obtains."""
+"""How does the page of `topdress reproduce` compare the papers' published numbers with those that
+this program computes?
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,7 @@ def make_paper_page(
     software: str,
     title: str = "The papers, published next to obtained",
 ) -> str:
-    """A whole HTML page, nothing fetched from elsewhere; the first section stands above the
-    contents."""
+    """Returns a whole HTML page that fetches nothing; the first section precedes the contents."""
     parts = [_format_paper_section(part, k) for k, part in enumerate(sections)]
     body = "\n".join([*parts[:1], _format_contents(sections), *parts[1:]])
     return make_page(
@@ -57,7 +58,7 @@ def _format_paper_section(part: Section, number: int) -> str:
 
 
 def _format_contents(sections: Sequence[Section]) -> str:
-    """Links to every section and to every table in it."""
+    """Returns links to every section and to every table in it."""
     listed = "\n".join(
         f'<li><a href="#s{number}">{escape_text(part.title)}</a><ul>'
         + "".join(
@@ -72,7 +73,7 @@ def _format_contents(sections: Sequence[Section]) -> str:
 
 
 def _shorten_title(title: str) -> str:
-    """A table's title up to its first remark."""
+    """Returns a table's title up to its first remark."""
     return title.split(";")[0].split(". ")[0]
 
 
@@ -81,7 +82,7 @@ def _make_anchor(section: int, table: int) -> str:
 
 
 def draw_paper_picture(picture: Picture) -> Drawn:
-    """One picture as SVG."""
+    """Returns one picture as SVG."""
     sheet = ChartSheet(6.4, 3.4)
     for line in picture.lines:
         sheet.panel.plot(
@@ -114,7 +115,7 @@ def _format_paper_table(one: Table, anchor: str) -> str:
 
 
 def format_paper_cell(cell: Cell, decimals: int) -> str:
-    """A cell as text; a dash where it is empty."""
+    """Returns a cell as text; a dash for an empty cell."""
     if cell is None:
         return "\N{EN DASH}"
     return cell if isinstance(cell, str) else format_fixed(float(cell), decimals)

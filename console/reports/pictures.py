@@ -1,4 +1,4 @@
-"""Which pictures a diagnosis has: by the kind of its data."""
+"""Which pictures does a diagnosis have? They depend on the kind of its data."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import Diagnosis, TermFound
 
 
-# A term next to what the data themselves say, class by class of its variable.
 def draw_term(found: TermFound) -> Picture | None:
-    """A term next to the means of the data, class by class of its variable; None where the data has
-    none."""
+    """Returns a picture of a term and the means of the data, class by class of its variable; None
+    for data without means."""
     if not found.seen:
         return None
     at, seen, by_term = np.array(found.seen).T
@@ -43,18 +42,19 @@ def draw_term(found: TermFound) -> Picture | None:
 class PictureSet(NamedTuple):
     """Holds the pictures of a diagnosis.
 
-    `causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of the
-    whole.
+    `causes` has one entry for each cause, `left` one for each unexplained part, `data` the pictures
+    of the whole data.
     """
 
     causes: tuple[tuple[Picture, ...], ...]
     left: tuple[Picture | None, ...]
     data: tuple[Picture, ...]
-    terms: tuple[Picture | None, ...] = ()  # one for each term
+    # One entry for each term.
+    terms: tuple[Picture | None, ...] = ()
 
 
 def draw_pictures(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
-    """All pictures; none of the data where `tools` holds neither columns nor tables."""
+    """Returns all pictures; none of the data where `tools` has neither columns nor tables."""
     if "columns" in tools:
         return _draw_run_pictures(found, tools)
     if "tables" in tools:

@@ -1,5 +1,6 @@
-"""Pictures of a run: what each cause does and what is left, stretches in full, every channel
-over time."""
+"""Which pictures show a run? They show each cause and the remaining residual, intervals in full,
+and every channel over time.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +26,16 @@ from topdress.control.machine.machine import CATALOGUE
 
 Array = npt.NDArray[np.float64]
 
-# of what an effect does: below it, means over the axis do not tell it
+# Share of an effect below which means over the axis do not show it.
 LEAST_MEANS_SHARE = 0.25
-WHOLE_MEANS_SHARE = 0.8  # from here on they tell all
-# views whose rows are shown in full, and how long
+# Share from which means alone are sufficient.
+WHOLE_MEANS_SHARE = 0.8
+# Lengths of the intervals that are shown in full, by view, s.
 STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
 TIME_BINS = 90
-RATE_BINS = 24  # a rate needs longer
-# of an effect's strength in a stretch: below it, it is an even one
+# A rate needs longer bins.
+RATE_BINS = 24
+# Change of an effect's strength in an interval below which it counts as constant.
 LEAST_CHANGE = 0.01
 BAND_NOTE = "The band is the 90 % interval of each mean."
 
@@ -40,8 +43,8 @@ BAND_NOTE = "The band is the 90 % interval of each mean."
 def draw_cause(
     views: Sequence[ChannelView], parts: Sequence[EffectInstance], part: EffectInstance
 ) -> list[Picture]:
-    """The pictures of one cause: its residual before and after along its most telling variable, and
-    a stretch where it shows most."""
+    """Returns the pictures of one cause: its residual before and after along its most telling
+    variable, and the interval in which it is most visible."""
     found = find_view(views, parts, part)
     if found is None:
         return []
@@ -88,8 +91,8 @@ def draw_cause(
 
 
 def _choose_panels(view: ChannelView, axis: Axis, share: float, part: EffectInstance) -> list[str]:
-    """Means over the axis where they show the effect; a stretch in full where they do not show all,
-    or time matters."""
+    """Returns the panels: means over the axis where they show the effect; an interval in full where
+    means do not show all of it, or time matters."""
     stretch = view.name in STRETCH_S and (
         share < WHOLE_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
     )
@@ -127,8 +130,8 @@ def _draw_stretch(
 
 
 def _find_telling_rows(effect: Array, count: int) -> int:
-    """First of the `count` rows in which the effect changes most; where it is even, is
-    strongest."""
+    """Returns the first of the `count` rows in which the effect changes most or, for a constant
+    effect, is strongest."""
     if count >= len(effect):
         return 0
 
@@ -147,8 +150,8 @@ def draw_unexplained(
     left: Unexplained,
     fit: UnexplainedCurve | None,
 ) -> Picture | None:
-    """What no effect explains: the residual along the variable named, and the smooth function that
-    fits it."""
+    """Returns the residual that no effect explains, along the named variable, with the smooth
+    function that fits it."""
     view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
     if view is None:
         return None
@@ -198,8 +201,8 @@ def _draw_extension(panel: Panel, fit: UnexplainedCurve, axis: Axis) -> None:
 def draw_time_lines(
     views: Sequence[ChannelView], parts: Sequence[EffectInstance]
 ) -> Picture | None:
-    """Residual of every channel over the run, of the machine file as it was and with its additions,
-    with the onsets."""
+    """Returns the residual of every channel over the run, for the unchanged and the extended
+    machine file, with the onsets."""
     if not views:
         return None
     sheet = ChartSheet(9.4, 1.1 + 1.35 * len(views), rows=len(views), shares_x=True)
@@ -241,7 +244,8 @@ def _draw_time_line(
 def _select_time_rows(
     view: ChannelView, own: Sequence[EffectInstance]
 ) -> tuple[npt.NDArray[np.bool_], str]:
-    """All rows; of the heads, those of the head that is named or deviates most."""
+    """Returns all rows; for the heads the rows of the named head, or of the head with the largest
+    deviation."""
     if view.member is None:
         return np.ones(len(view.measured), bool), view.quantity
     heads = np.unique(view.member).tolist()
@@ -254,7 +258,8 @@ def _select_time_rows(
 def _make_bin_means(
     view: ChannelView, minutes: Array
 ) -> Callable[[Array, float], tuple[Array, Array, Array]]:
-    """(middle of each bin, mean, half of the interval), NaN where a bin has none."""
+    """Returns a function for the middle of each bin, its mean and half of its interval, NaN for an
+    empty bin."""
     cell, middle = view.make_even_bins(minutes, TIME_BINS if view.segments is None else RATE_BINS)
     count = len(middle)
 

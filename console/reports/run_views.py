@@ -1,5 +1,6 @@
-"""A run log's channels as a report shows them: residuals under any set of effects, and what
-they may depend on."""
+"""How does a report show the channels of a run log? Each view has residuals under any set of
+effects, and the variables on which they may depend.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +36,10 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 Array = npt.NDArray[np.float64]
 
-# rows on either side: what changes more slowly is not the scale's noise
+# Number of rows on either side of a running mean; slower changes are not the scale's noise.
 SLOW_ROWS = 15
-SETTLED_AFTER_S = 3.0  # a drive has answered by then
+# Time by which a drive has settled, s.
+SETTLED_AFTER_S = 3.0
 VIEW_STAGES = {
     "shaft": ("shaft",),
     "gate": ("gate",),
@@ -50,30 +52,33 @@ VIEW_STAGES = {
 }
 COLUMNS_THAT_GROW_WITH_TIME = ("time_s", "hopper_kg", "moved")
 FIRST_AXES = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
-# of what an effect does must time tell beyond what any other axis tells
+# Share of an effect that time must explain beyond every other axis.
 LEAST_TIME_GAIN = 0.08
-# though time may tell as much
+# These axes are preferred, although time may explain as much.
 OWN_AXES = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}
 
 
-LEAST_ROWS_IN_BIN = 6  # of time, at least on average
+# Mean number of rows in a bin of time.
+LEAST_ROWS_IN_BIN = 6
 
 
 class ChannelView(NamedTuple):
-    """Holds one channel. `predict(parts)` gives the readings of the machine with these effects,
+    """Holds one channel. `predict(parts)` returns the readings of the machine with these effects,
     (n,) in `unit`."""
 
     name: str
-    quantity: str  # "shaft speed"
+    # Name such as "shaft speed".
+    quantity: str
     unit: str
     time_s: Array
     measured: Array
     predict: Callable[[tuple[EffectInstance, ...]], Array]
     axes: dict[str, Axis]
-    member: npt.NDArray[np.int64] | None = None  # head of each row
-    # rows between refills: kg are kept, their rate is shown
+    # Number of the head of each row.
+    member: npt.NDArray[np.int64] | None = None
+    # Rows between refills; the mass in kg is stored, its rate is shown.
     segments: npt.NDArray[np.int64] | None = None
-    # what the machine file with what it takes up predicts, (n,)
+    # Prediction (n,) of the machine file with the effects that it adopts.
     of_file: Array | None = None
 
     @property
@@ -82,18 +87,19 @@ class ChannelView(NamedTuple):
         return f"{self.quantity}: measured less predicted"
 
     def calc_residual(self, parts: Sequence[EffectInstance]) -> Array:
-        """Measured less predicted under these effects, (n,)."""
+        """Returns measured minus predicted under these effects, (n,)."""
         return self.measured - self.predict(self.select_own_parts(parts))
 
     def calc_part_effect(self, parts: Sequence[EffectInstance], part: EffectInstance) -> Array:
-        """The effect of one of the parts on the rows along with the others, (n,)."""
+        """Returns the effect of one of the parts on the rows in combination with the
+        others, (n,)."""
         own = self.select_own_parts(parts)
         more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
         return more if self.segments is None else np.diff(more, prepend=more[0])
 
     def calc_axis_means(self, axis: Axis, residual: Array, memory: float) -> BinnedMeans:
-        """Means of a residual (n,) over an axis; where its rate is shown, in g/s, out of the hopper
-        positive."""
+        """Returns means of a residual (n,) over an axis; for a mass its rate, in g/s, positive out
+        of the hopper."""
         if self.segments is None:
             return calc_binned_means(axis, residual, memory)
         rates = calc_binned_rates(
@@ -102,8 +108,8 @@ class ChannelView(NamedTuple):
         return BinnedMeans(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
 
     def make_even_bins(self, minutes: Array, most: int) -> tuple[Axis, Array]:
-        """The rows, at these minutes (n,), by even bins of time, `most` at most: the bin of each,
-        and their middles."""
+        """Returns the rows, at these minutes (n,), in equal bins of time, at most `most`: the bin
+        of each row, and the middles."""
         low, high = float(minutes.min()), float(minutes.max())
         count = max(2, min(most, len(minutes) // LEAST_ROWS_IN_BIN))
         width = (high - low) / count or 1.0
@@ -114,7 +120,7 @@ class ChannelView(NamedTuple):
         )
 
     def calc_noise_memory(self, residual: Array) -> float:
-        """Correlation of the residual's neighbouring noise."""
+        """Returns the autocorrelation of the residual's noise."""
         if self.segments is None:
             return calc_correlation(residual)
         slow = np.convolve(
@@ -125,13 +131,13 @@ class ChannelView(NamedTuple):
         return calc_correlation(residual - slow)
 
     def find_effect_axis(self, part: EffectInstance, effect: Array) -> Axis:
-        """The axis along which the effect on the rows (n,) shows most."""
+        """Returns the axis along which the effect on the rows (n,) is most visible."""
         own = self.axes.get(OWN_AXES.get(part.id, ""))
         if own is not None:
             return own
         best = find_telling_axis(
             [axis for name, axis in self.axes.items() if name not in COLUMNS_THAT_GROW_WITH_TIME]
-            # at one command all along, time alone moves
+            # With a constant command only time varies.
             or list(self.axes.values()),
             effect,
         )
@@ -144,8 +150,8 @@ class ChannelView(NamedTuple):
         )
 
     def select_own_parts(self, parts: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-        """The effects that this channel can feel, as many beginnings and ends as one run may
-        have."""
+        """Returns the effects that this channel can show, with at most the number of onsets that
+        one run may have."""
         kept: list[EffectInstance] = []
         for part in parts:
             if (
@@ -158,7 +164,7 @@ class ChannelView(NamedTuple):
 
 
 def list_effect_instances(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
-    """Causes as the model takes them; those without a size are left out."""
+    """Returns causes as the model takes them; causes without a size are omitted."""
     found = []
     for cause in causes:
         entry = CATALOGUE.get(cause.id)
@@ -177,8 +183,8 @@ def list_effect_instances(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]
 def find_view(
     views: Sequence[ChannelView], parts: Sequence[EffectInstance], part: EffectInstance
 ) -> tuple[ChannelView, Array] | None:
-    """The view of the effect's own stage where it shows there, else the one in which it shows
-    most."""
+    """Returns the view of the effect's own stage if the effect is visible in it, else the view in
+    which it is most visible."""
     best: tuple[float, ChannelView, Array] | None = None
     for view in views:
         own = view.select_own_parts(parts)
@@ -198,10 +204,10 @@ def make_run_views(
     file: Machine | None = None,
     of_this_run: tuple[EffectInstance, ...] = (),
 ) -> tuple[ChannelView, ...]:
-    """Views of a run log's columns (contract of the run log), in the order of the stages.
+    """Returns views of a run log's columns (contract of the run log), in the order of the stages.
 
-    file: the extended machine file; of_this_run: further effects that no file adopts. Raises
-    ValueError with one line where the log has no usable time column.
+    `file` is the extended machine file, `of_this_run` are further effects that no file adopts.
+    Raises ValueError with one line for a log without a usable time column.
     """
     log = clean_run_log(columns)
     data = make_run_data(log, machine)
@@ -303,14 +309,14 @@ def _list_recorded_axes(data: RunData, time_s: Array) -> dict[str, Axis]:
 
 
 def _sort_axes(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
-    """The axes in the order of preference: of equally telling axes the first is taken, so the
-    channel's own comes first."""
+    """Returns the axes in the order of preference. The channel's own axis comes first, because the
+    first of equally telling axes is chosen."""
     first = {name: axes[name] for name in FIRST_AXES.get(view, ()) if name in axes}
     return {**first, **{name: axis for name, axis in axes.items() if name not in first}}
 
 
 def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
-    """Seconds since the command changed, turned by its direction; the direction itself; the
+    """Returns seconds since the command changed, signed by its direction; the direction; and the
     distance moved so far."""
     change = np.diff(drive.command, prepend=drive.command[0])
     change[~np.isfinite(change)] = 0.0
@@ -332,7 +338,7 @@ def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
 
 
 def _make_flow_view(channel: ChannelSeries, data: RunData, machine: Machine) -> ChannelView:
-    """Flow read off the scale: the same kg, of which the rate is shown."""
+    """Returns the flow from the scale: the mass in kg, of which the rate is shown."""
     time_s = channel.grid.even_s
     jumps = data.hopper.jumps if data.hopper is not None else ()
     starts = [data.hopper.time_s[jump] for jump in jumps] if data.hopper is not None else []

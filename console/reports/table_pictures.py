@@ -1,4 +1,6 @@
-"""Pictures of a bench table: its points, the nominal and the extended machine, and what is left."""
+"""Which pictures show a bench table? They show its points, the nominal and the extended machine,
+and the remaining residual.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,16 @@ from topdress.control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]
 
-# lines of one model in a panel; more settings are shown as measured against predicted
+# Number of lines of one model in a panel; more settings are shown as measured against predicted.
 MOST_MODEL_LINES = 4
-# of a step between values: so far replicates and labels are set apart
+# Share of the distance between values by which replicates and labels are offset.
 JITTER_SHARE = 0.2
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P")
 PHASE_BINS = 12
 
 
 def draw_table_column(view: MeasuredColumn) -> Picture:
-    """Points with both models' lines above, residuals before and after below."""
+    """Returns points with both models' lines above, and residuals before and after below."""
     named = any(group.held for group in view.groups)
     columns = max(1, sum(bool(group.label) for group in view.groups))
     sheet = ChartSheet(9.4 if columns > 1 else 6.6, 5.6, 2, columns, shares_y=True)
@@ -111,8 +113,8 @@ def _list_model_lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, st
 def _split_settings(
     view: MeasuredColumn, rows: npt.NDArray[np.bool_]
 ) -> list[tuple[str, npt.NDArray[np.bool_]]]:
-    """Rows that differ in nothing that moves the model but the main variable, with words where
-    there are several."""
+    """Returns groups of rows in which all variables that affect the model, except the main
+    variable, are equal, with words where several groups exist."""
     others = [name for name in view.variables if name not in (view.main, "replicate")]
     moving = [name for name in others if not _is_without_effect(view, name)]
     keys = (
@@ -132,7 +134,8 @@ def _split_settings(
 
 
 def _is_without_effect(view: MeasuredColumn, name: str) -> bool:
-    """Whether both models are the same wherever the main variable is, whatever this one is."""
+    """Returns whether both models are the same at each value of the main variable, whatever this
+    variable is."""
     if not view.main:
         return False
     x = view.variables[view.main]
@@ -183,14 +186,14 @@ def _find_value_step(x: Array) -> float:
 
 
 def _calc_value_means(x: Array, y: Array) -> tuple[Array, Array]:
-    """Means of y at each value of x."""
+    """Returns means of y at each value of x."""
     kinds, index = np.unique(x, return_inverse=True)
     return kinds, np.bincount(index, y) / np.bincount(index)
 
 
 def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture | None:
-    """What no effect explains, along the setting that is named, with the smooth function through
-    it."""
+    """Returns the part that no effect explains, along the named setting, with the smooth function
+    through it."""
     view = next(
         (
             v
@@ -238,7 +241,8 @@ def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -
 
 
 def draw_clock_phases(views: Sequence[MeasuredColumn], step_s: float) -> Picture | None:
-    """Where within a step of a coarse clock the times lie: even, if there is none."""
+    """Returns the distribution of times within a step of a coarse clock: uniform without such a
+    clock."""
     view = next((v for v in views if v.unit == "s"), None)
     if view is None or step_s <= 0.0:
         return None

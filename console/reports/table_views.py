@@ -1,5 +1,6 @@
-"""A bench table's measured columns as a report shows them: rows next to the nominal and the
-extended machine."""
+"""How does a report show a bench table? Each measured column has its rows next to the nominal and
+the extended machine.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +25,15 @@ from topdress.control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 
-# shows in how the times heap, not in what the machine does
+# This effect shows in the clustering of times, not in the machine's behaviour.
 COARSE_CLOCK = LAG_COARSE_CLOCK.id
-# shown against only where nothing else varies
+# Variables that are used as the axis only if no other varies.
 LAST_RESORT_NAMES = ("replicate", "area_m2", "duration_s")
 
 
 class CausePart(NamedTuple):
-    """Holds a cause as the model takes it. `scope`: the rows in which it holds, as its cause names
-    them; None: all."""
+    """Holds a cause as the model takes it. `scope` is the set of rows in which it applies, as its
+    cause names them; None for all."""
 
     effect: SizedEffect
     scope: str | None
@@ -44,8 +45,8 @@ class CausePart(NamedTuple):
 
 
 class RowGroup(NamedTuple):
-    """Holds rows of one label (all rows, "", where the table has none), and the effects that hold
-    there."""
+    """Holds rows of one label (all rows, "", for a table without labels), and the effects that
+    apply to them."""
 
     label: str
     rows: npt.NDArray[np.bool_]
@@ -54,17 +55,19 @@ class RowGroup(NamedTuple):
 
 
 class MeasuredColumn(NamedTuple):
-    """Holds one measured column. Arrays (n,) in `unit`."""
+    """Holds one measured column. Arrays are (n,) in `unit`."""
 
-    table: str  # its path
-    column: str  # what was measured
+    # Path of the table.
+    table: str
+    # Name of the measured quantity.
+    column: str
     channel: str
     unit: str
     observed: Array
     nominal: Array
     extended: Array
     variables: dict[str, Array]
-    # the variable to show it against, "" where none varies
+    # The variable of the x axis, "" where none varies.
     main: str
     groups: tuple[RowGroup, ...]
 
@@ -75,19 +78,19 @@ class MeasuredColumn(NamedTuple):
 
     @property
     def before(self) -> Array:
-        """Measured less nominal, (n,)."""
+        """Measured minus nominal, (n,)."""
         return self.observed - self.nominal
 
     @property
     def after(self) -> Array:
-        """Measured less extended, (n,)."""
+        """Measured minus extended, (n,)."""
         return self.observed - self.extended
 
 
 def make_table_views(
     tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]
 ) -> tuple[MeasuredColumn, ...]:
-    """Views of every measured column, in the order of the tables.
+    """Returns views of every measured column, in the order of the tables.
 
     Raises ValueError with one line for tables that cannot be used.
     """
@@ -149,7 +152,8 @@ def _make_column_view(
 
 
 def _find_main_variable(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
-    """The variable that the effects follow most, else the one that the machine follows."""
+    """Returns the variable that the effects follow most, else the variable that the machine
+    follows."""
     names = [name for name in variables if name not in LAST_RESORT_NAMES] or list(variables)
     if not names:
         return ""

@@ -1,5 +1,6 @@
-"""A term in one sentence, the same in terminal, report and page: what changes, by how much,
-over what, seen where."""
+"""How is a term described in one sentence, for terminal, report and page? It has quantity, change,
+variable, and the observing sensor.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from topdress.control.machine.term_sums import explain_not_compensated, explain_
 from topdress.control.machine.terms import TARGET_STAGES, VARIABLES, Term, TermTarget, parse_term
 from topdress.drivers.plugins import EffectPlugin, list_effects
 
-LEAST_SHOWN_CHANGE = 1e-3  # of a change for each unit of a variable
+# Smallest change per unit of a variable that is shown as such.
+LEAST_SHOWN_CHANGE = 1e-3
 
 STAGE_NAMES = {
     "shaft": N_("Shaft speed"),
@@ -37,7 +39,8 @@ VARIABLE_NAMES = {
     "shaft_angle_deg": N_("shaft angle"),
 }
 REFUSAL_REASONS = (
-    N_("it holds for a span of one run"),  # as the machine model says it
+    # These reasons are those of the machine model.
+    N_("it holds for a span of one run"),
     N_("control does not know the shaft's angle when what it commands comes to pass"),
     N_("control does not read the wheel through it"),
     N_("with the speed of now, not with that at landing"),
@@ -46,7 +49,7 @@ REFUSAL_REASONS = (
 
 
 def describe_term(plain: Mapping[str, Any]) -> str:
-    """A term as plain data (`result.TermFound.term`) in one sentence."""
+    """Returns a term, given as plain data (`result.TermFound.term`), in one sentence."""
     term = Term.model_validate(plain)
     said = _describe_form(term)
     ranges = [
@@ -83,7 +86,8 @@ def describe_term(plain: Mapping[str, Any]) -> str:
 def _is_plugin_term(term: Term, plugin: EffectPlugin) -> bool:
     try:
         other = parse_term(plugin.term.format(size="1"), Term.model_validate)
-    except ValueError:  # of another package: a term that there is not
+    # Another package may define a term that does not exist here.
+    except ValueError:
         return False
     return (other.acts_on, other.form, other.variable_names) == (
         term.acts_on,
@@ -93,7 +97,7 @@ def _is_plugin_term(term: Term, plugin: EffectPlugin) -> bool:
 
 
 def describe_compensation(plain: Mapping[str, Any]) -> str:
-    """The control's answer to a term once the machine file has it."""
+    """Returns how control compensates a term once the machine file has it."""
     term = Term.model_validate(plain)
     if why := explain_not_compensated(term):
         return _("Control cannot correct for it: {why}").format(why=_(why))
@@ -103,15 +107,15 @@ def describe_compensation(plain: Mapping[str, Any]) -> str:
 
 
 def name_variable(name: str) -> str:
-    """A variable in words; a further column by its own name."""
+    """Returns a variable in words; an extra column by its own name."""
     return _(VARIABLE_NAMES[name]) if name in VARIABLE_NAMES else name
 
 
 def _describe_form(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
     words = form.find_numbers(term)
-    # A change is given for so many units of its variable that it is no nought: a load in grams
-    # moves little each.
+    # The change is given for a number of units that avoids a displayed zero, because one gram of
+    # load changes little.
     sizes = [
         abs(value)
         for value in (*words.changes.values(), words.numbers.get("size", 0.0))
@@ -149,7 +153,7 @@ def _format_signed(value: float, unit: str) -> str:
 
 
 def compare_side_by_side(change: Change) -> list[str]:
-    """Each effect and term of a machine file before and after, a line each."""
+    """Returns each effect and term of a machine file before and after, one line each."""
     lines = [
         f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> "
         f"{one.after:.4g} "

@@ -1,4 +1,4 @@
-"""Recorded variables and settings in plain words, with their units."""
+"""Which plain words and units do recorded variables and settings have?"""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ TABLE_VARIABLES = {
 
 
 def find_variable(name: str, kind: str = "run") -> NamedVariable:
-    """The variable of a run log, or of a table; by its own name where it is not known."""
+    """Returns the variable of a run log, or of a table; an unknown variable keeps its own name."""
     first, second = (
         (RUN_VARIABLES, TABLE_VARIABLES) if kind == "run" else (TABLE_VARIABLES, RUN_VARIABLES)
     )
