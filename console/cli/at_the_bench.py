@@ -137,11 +137,9 @@ class NullLogWriter:
 
     def append(self, row: LogRow) -> None:
         """Discards the row."""
-        pass
 
     def close(self) -> None:
         """Does nothing."""
-        pass
 
 
 def make_host(

@@ -1,4 +1,4 @@
-"""How is a departure from the model told in one line, in the language in use? The line has channel,
+"""How is a departure from the model shown in one line, in the language in use? The line has channel,
 size, begin and probable cause.
 """
 
