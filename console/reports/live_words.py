@@ -1,4 +1,4 @@
-"""How is a departure from the model shown in one line, in the language in use? The line has channel,
+"""How does one line show a departure from the model, in the language in use? The line has channel,
 size, begin and probable cause.
 """
 
