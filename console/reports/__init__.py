@@ -14,7 +14,7 @@ Files:
 - `html`: How are words written into HTML?
 - `job_about`: Which facts besides the figures does the report of a job contain?
 - `job_page`: How is a job reported? The page shows the applied rates by position, the total
-- `live_words`: How is a departure from the model shown in one line, in the language in use?
+- `live_words`: How does one line show a departure from the model, in the language in use?
 - `notebook`: How is a diagnosis shown in a notebook?
 - `numbers`: How are numbers written for people?
 - `panels`: Which parts of pictures do runs and tables share?
