@@ -27,7 +27,7 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import DeviceDo, Frame
-from topdress.console.locale import ENGLISH, use_language
+from topdress.console.locale import ENGLISH_CODE, use_language
 from topdress.console.services.field import make_field_picture
 from topdress.console.worker.assemble import PARKED_STATES
 from topdress.control.orders import Answer, Order
@@ -450,7 +450,7 @@ async def play(
             field.clock,
             live=False,
             utc_offset_s=0.0,
-            language=ENGLISH,
+            language=ENGLISH_CODE,
             units=METRIC,
             services=Services(field=make_field_picture),
         )
@@ -473,7 +473,7 @@ async def play(
         finally:
             field.host.close_run("done")
             # of the whole process: a story may have changed it
-            use_language(ENGLISH)
+            use_language(ENGLISH_CODE)
         return got[0]
 
 

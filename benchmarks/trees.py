@@ -43,7 +43,7 @@ def worked(
     from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.host import Host
     from topdress.console.worker.options import parse_options
-    from topdress.console.worker.requests import Question
+    from topdress.console.worker.requests import ClientQuestion
     from topdress.control.orders import Do, Order
 
     parts = assemble_run(parse_options([*arguments, "--run-file", "none.json"]), clock)
@@ -57,7 +57,7 @@ def worked(
                 Order(Do.READY if state == "off" else Do.START), lambda answer, _: None
             )
         if clock() > until_s:
-            host.queue_request(Question.QUIT, lambda answer, _: None)
+            host.queue_request(ClientQuestion.QUIT, lambda answer, _: None)
 
     host = Host(parts, clock, sleep, **options)
     host.run_until_stopped()

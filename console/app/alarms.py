@@ -18,14 +18,14 @@ from topdress.control.orders import Alarm, Severity
 
 # Shortest time between two bell signals, s: closer signals blend into one, and their strokes cannot
 # be counted.
-LEAST_GAP_S = 5.0
+MIN_BELL_GAP_S = 5.0
 # A terminal has one sound for its bell, so the number of strokes carries the severity.
-STROKES = {Severity.AMBER: 1, Severity.RED: 3}
+STROKES_BY_SEVERITY = {Severity.AMBER: 1, Severity.RED: 3}
 # A red alarm that nobody acknowledges rings again after this time, s.
-REPEAT_AFTER_S = 30.0
+RED_REPEAT_S = 30.0
 # An alarm that returns within this time, s, does not ring again: a value near its limit would ring
 # at every crossing.
-SAME_ALARM_S = 10.0
+RECURRENCE_SILENCE_S = 10.0
 
 
 class AlarmBell:
@@ -53,8 +53,8 @@ class AlarmBell:
         standing = {alarm.id: alarm for alarm in alarms}
         for name, alarm in standing.items():
             gone_s = self._gone_s.get(name, float("-inf"))
-            if gone_s is not None and now_s - gone_s >= SAME_ALARM_S:
-                self._owed = max(self._owed, STROKES[alarm.severity])
+            if gone_s is not None and now_s - gone_s >= RECURRENCE_SILENCE_S:
+                self._owed = max(self._owed, STROKES_BY_SEVERITY[alarm.severity])
             self._gone_s[name] = None
         for name, gone_s in self._gone_s.items():
             if gone_s is None and name not in standing:
@@ -63,12 +63,12 @@ class AlarmBell:
             alarm.severity is Severity.RED and not alarm.acknowledged for alarm in standing.values()
         )
         waited_s = now_s - self._rang_s
-        if urgent and waited_s >= REPEAT_AFTER_S:
-            self._owed = STROKES[Severity.RED]
+        if urgent and waited_s >= RED_REPEAT_S:
+            self._owed = STROKES_BY_SEVERITY[Severity.RED]
         # Strokes that were due for an alarm that has ended would announce nothing.
         if not standing:
             self._owed = 0
-        if not self._owed or waited_s < LEAST_GAP_S:
+        if not self._owed or waited_s < MIN_BELL_GAP_S:
             return 0
         strokes, self._owed, self._rang_s = self._owed, 0, now_s
         return strokes

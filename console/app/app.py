@@ -42,16 +42,16 @@ from topdress.console.app.pages.job.checklist import find_file_name
 from topdress.console.app.pages.job.service import RecentSet
 from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
-from topdress.console.app.plain_lines import PlainLines
+from topdress.console.app.plain_lines import ControlCharacterFilter
 from topdress.console.app.presence_text import (
-    CompanyView,
+    PresenceView,
     describe_arrival,
     describe_everyone,
-    describe_news,
-    make_company_view,
+    describe_presence_changes,
+    make_presence_view,
 )
 from topdress.console.app.reasons import explain_no_machine, find_first_key
-from topdress.console.app.refresh_rates import NUMBERS_S
+from topdress.console.app.refresh_rates import NUMBERS_PERIOD_S
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help import HelpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
@@ -61,7 +61,7 @@ from topdress.console.app.source import FrameArrival, FrameSource
 from topdress.console.app.terminal import TerminalPulse, find_terminal
 from topdress.console.app.tour import Tour
 from topdress.console.app.type_ahead_guard import HeldEnter, TypeAheadGuard
-from topdress.console.app.undo import Undoable, UndoStack, describe_undo, reverse_orders
+from topdress.console.app.undo import UndoableChange, UndoStack, describe_undo, reverse_orders
 from topdress.console.app.units import METRIC, Units
 from topdress.console.app.view import format_local_time
 from topdress.console.app.widgets.key_bar import URGENT_ACTIONS, KeyBar
@@ -92,7 +92,7 @@ STATE_AFTER_ORDER = {
 # Screens without a question. The key of a page closes them and opens the page.
 READ_ONLY_SCREENS = (TextDialog, HelpScreen, AlarmList)
 # Time for which a notice stays in the key bar, s.
-NOTICE_S = 4.0
+NOTICE_DURATION_S = 4.0
 RESTART_NOTICE = N_("the machine comes back with the new files: a moment")
 # Time between two strokes of the bell, s; some terminals merge closer strokes into one.
 STROKE_GAP_S = 0.35
@@ -100,12 +100,12 @@ STROKE_GAP_S = 0.35
 # tick.
 FIRST_FRAME_POLL_S = 0.02
 # Time from the first frame until the other pages are built, s: the first picture is drawn before.
-FIRST_PICTURE_S = 0.5
+FIRST_PICTURE_DELAY_S = 0.5
 # Pause between two pages that are built, s, so that key presses are handled in between.
-PAGE_GAP_S = 0.05
+PAGE_BUILD_PAUSE_S = 0.05
 # Modules that Textual and Rich import only on first use. Early import in a thread avoids a pause
 # while the operator works.
-LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")
+PRELOADED_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")
 # The first character outside ASCII makes Rich read its table of character widths; measuring this
 # character early avoids the pause later.
 WIDE_CHARACTER = "\u80a5"
@@ -176,7 +176,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         ask_job: bool = False,
     ) -> None:
         # Textual's constructor already asks for the line filters, so this filter exists first.
-        self._plain_lines = PlainLines()
+        self._plain_lines = ControlCharacterFilter()
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
@@ -195,18 +195,22 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.sound = live
         # Maps a number of bell strokes to the sound command that replaces them.
         self.sounds: dict[int, str] = {}
-        self.alarm_book, self.ring = AlarmHistory(), AlarmBell()
+        self.alarm_history, self.ring = AlarmHistory(), AlarmBell()
         self.live = live
         self.services = services or Services()
         self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
-        self.sweeps = FreezeSchedule()
+        self.freeze_schedule = FreezeSchedule()
         self.joined = joined
         # Notice about the joined machine, shown with the first frame before all other notices.
-        self._to_say = joined
+        self._pending_attach_notice = joined
         self.ask_job = ask_job
         self.locked = False
-        self.stray, self.held_enter, self.undo = TypeAheadGuard(), HeldEnter(), UndoStack()
+        self.type_ahead_guard, self.held_enter, self.undo = (
+            TypeAheadGuard(),
+            HeldEnter(),
+            UndoStack(),
+        )
         # Key that was pressed last on a page.
         self.asked_by = ""
         # Reason why the worker is lost; empty while the link works.
@@ -225,11 +229,11 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._loop_here: asyncio.AbstractEventLoop | None = None
         self._supervisor: Worker[None] | None = None
         self._restarting = False
-        self._earlier_of = ""
+        self._earlier_log_path = ""
         self._frame_before: Frame | None = None
         for one in themes.THEMES:
             self.register_theme(one)
-        self.theme = themes.DAY.name
+        self.theme = themes.DAY_THEME.name
         self.use_keymap({})
         self.use_settings()
         if units is not None:
@@ -322,10 +326,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         # Without a worker and without a replay, the operator first decides whether an interrupted
         # job is resumed.
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
-            self.ask_to_go_on(self.services.job)
+            self.ask_to_resume_job(self.services.job)
         if self.live:
             self._until_first = self.set_interval(FIRST_FRAME_POLL_S, self._show_first_frames)
-            self.set_interval(NUMBERS_S, self.show_newest)
+            self.set_interval(NUMBERS_PERIOD_S, self.show_newest)
             self.call_after_refresh(import_hooks.end_imports)
         self.call_after_refresh(self.show_newest)
 
@@ -333,7 +337,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """Handle a key or click before Textual does: normalise keys, and let hold and STOP work
         under a dialog."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            if await self._handle_first(event):
+            if await self._handle_early_key(event):
                 return
             # A text field needs the character that was typed, not the key that the layout stands
             # for.
@@ -345,7 +349,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             and not event.is_forwarded
             and self.screen_stack
         ):
-            name = self._find_urgent_under(event)
+            name = self._find_urgent_key_under(event)
             if name:
                 if isinstance(event, events.MouseDown):
                     await self.action_do(name)
@@ -358,7 +362,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             event.key, self.bound_keys[self.page.where], self._urgent_keys
         )
 
-    async def _handle_first(self, event: events.Key) -> bool:
+    async def _handle_early_key(self, event: events.Key) -> bool:
         """Return whether a key was handled before its screen receives it.
 
         F12 and Ctrl with the key of hold act even where a text field has the focus, which consumes
@@ -367,15 +371,17 @@ class TopdressApp(App[None], inherit_bindings=False):
         key, typing = self._normalise_key(event), isinstance(self.focused, Input)
         if isinstance(self.screen, NameDialog) and self.screen.take_early_key(event):
             return True
-        if key == key_normaliser.ALWAYS_STOP or (
+        if key == key_normaliser.STOP_KEY or (
             typing and key in self._hold_keys and not event.is_printable
         ):
-            await self.action_do("stop" if key == key_normaliser.ALWAYS_STOP else "hold")
+            await self.action_do("stop" if key == key_normaliser.STOP_KEY else "hold")
             return True
         # Keys on a page itself: a swallowed key belongs to a question that was refused before.
         if self.screen is self.page:
             self.asked_by = key
-            if key not in self._urgent_keys and self.stray.is_swallowed(key, self.clock()):
+            if key not in self._urgent_keys and self.type_ahead_guard.is_swallowed(
+                key, self.clock()
+            ):
                 return True
             if key.isalpha() and len(key) == 1 and key not in self.bound_keys[self.page.where]:
                 self._notice_other_pages(key)
@@ -411,7 +417,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             start = any(one.id == "start" for one in there)
             self.show_notice(f"{self.find_shown_key(there[0].id)}: {places}{here if start else ''}")
 
-    def _find_urgent_under(self, event: events.MouseEvent) -> str:
+    def _find_urgent_key_under(self, event: events.MouseEvent) -> str:
         """Return "hold" or "stop" where a click hits that key next to an open dialog, else ""."""
         if self.screen is self.page or not self.page.is_mounted:
             return ""
@@ -461,7 +467,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page.is_mounted:
             self.page.show_due(now_s)
         if self.live:
-            self.sweeps.freeze_after_sweep()
+            self.freeze_schedule.freeze_after_sweep()
 
     def _show_first_frames(self) -> None:
         """Show the first frames on arrival, before the regular tick, until a frame has a GNSS
@@ -471,8 +477,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             return
         begins, self._first_shown = self._first_shown is None, frame
         self._first_s = now_s if begins else self._first_s
-        # A start without a receiver ends the poll after `FIRST_PICTURE_S`.
-        if frame.gnss_age_s is not None or now_s - self._first_s >= FIRST_PICTURE_S:
+        # A start without a receiver ends the poll after `FIRST_PICTURE_DELAY_S`.
+        if frame.gnss_age_s is not None or now_s - self._first_s >= FIRST_PICTURE_DELAY_S:
             self._until_first.stop()
         self.page.refresh_all_next_tick()
         self.show_newest()
@@ -480,7 +486,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             if self.ask_job and self.services.job is not None:
                 ask_first_question(self, self.services.job)
             self.set_timer(
-                FIRST_PICTURE_S,
+                FIRST_PICTURE_DELAY_S,
                 lambda: self.run_worker(
                     self._make_other_pages(), group="pages", exit_on_error=False
                 ),
@@ -495,8 +501,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             # Indexing builds the page here, because Textual widgets belong to the event loop's
             # thread.
             self.pages[where]
-            await asyncio.sleep(PAGE_GAP_S)
-        for module in LATE_MODULES:
+            await asyncio.sleep(PAGE_BUILD_PAUSE_S)
+        for module in PRELOADED_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE_CHARACTER)
         import_hooks.end_imports()
@@ -507,9 +513,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         link."""
         return str(getattr(self.source, "name", ""))
 
-    def make_company_view(self) -> CompanyView | None:
+    def make_presence_view(self) -> PresenceView | None:
         """Return the row that names the other consoles at this machine."""
-        return make_company_view(
+        return make_presence_view(
             None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s
         )
 
@@ -531,13 +537,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         before, self._frame_before = self._frame_before, frame
         if before is None:
             found = " ".join(describe_arrival(frame, self.own_name, self.utc_offset_s))
-            joined, self._to_say = self._to_say, None
+            joined, self._pending_attach_notice = self._pending_attach_notice, None
             if joined is not None:
                 self._show_joined(joined, found, frame)
             elif found:
                 self.show_notice(found)
         elif frame.attached:
-            said = describe_news(before, frame, self.own_name)
+            said = describe_presence_changes(before, frame, self.own_name)
             if said:
                 self.show_notice(said)
         # A worker of an older version sends the number of consoles, without their names.
@@ -582,17 +588,17 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         """Record the frame's alarms, and ring the bell or play the sound that is due."""
-        if frame.log_path != self._earlier_of:
-            self._earlier_of = frame.log_path
+        if frame.log_path != self._earlier_log_path:
+            self._earlier_log_path = frame.log_path
             self.call_after_refresh(
                 lambda: self.run_worker(
-                    self._learn_earlier(frame.log_path),
+                    self._read_earlier_run(frame.log_path),
                     group="earlier",
                     # These files are read after the first numbers are visible.
                     exit_on_error=False,
                 )
             )
-        self.alarm_book.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
+        self.alarm_history.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.count_strokes_due(now_s, frame.alarms)
         command, play = self.sounds.get(strokes, ""), self.services.play
         if strokes and self.sound and command and play is not None:
@@ -614,22 +620,24 @@ class TopdressApp(App[None], inherit_bindings=False):
         for number in range(1, strokes):
             self.set_timer(number * STROKE_GAP_S, self.bell)
 
-    async def _learn_earlier(self, log_path: str) -> None:
+    async def _read_earlier_run(self, log_path: str) -> None:
         """Read what precedes this console's first frame: machine limits, alarms, track and guidance
         lines of the log."""
         look_back = self.services.earlier
         if self.services.at_work is not None:
-            await self._learn_limits(self.services.at_work, log_path)
+            await self._read_machine_limits(self.services.at_work, log_path)
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
-            self.alarm_book.add_earlier_records(earlier.alarms)
+            self.alarm_history.add_earlier_records(earlier.alarms)
             self.history.add_earlier_ground(earlier.track)
             # Earlier ground changes every picture at once.
             self.page.refresh_all_next_tick()
         if self.services.lines is not None:
-            self._take_kept_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
+            self._adopt_stored_lines(
+                await asyncio.to_thread(self.services.lines.read_lines, log_path)
+            )
 
-    async def _learn_limits(
+    async def _read_machine_limits(
         self, at_work: Callable[[str], RunningLimits | None], log_path: str
     ) -> None:
         limits = await asyncio.to_thread(at_work, log_path)
@@ -646,7 +654,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if files is not None and frame is not None and frame.log_path:
             files.append_record(frame.log_path, record)
 
-    def _take_kept_lines(self, kept: KeptLines) -> None:
+    def _adopt_stored_lines(self, kept: KeptLines) -> None:
         """Adopt the stored lines of this log. If the log has none, store this console's line."""
         if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
@@ -706,8 +714,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         return _("STOP: at machine") if self.is_disconnected else ""
 
     def show_notice(self, text: str) -> None:
-        """Show a text in the key bar for `NOTICE_S` seconds."""
-        self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S
+        """Show a text in the key bar for `NOTICE_DURATION_S` seconds."""
+        self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_DURATION_S
         if self.page.is_mounted:
             self.page.show_keys()
 
@@ -783,10 +791,10 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.not_started = str(error)
             self.exit()
         except WorkerGone as error:
-            self._note_gone(str(error))
+            self._note_worker_lost(str(error))
         # A link that fails in any other way is as unusable as a lost worker.
         except Exception as error:
-            self._note_gone(f"{type(error).__name__}: {error}")
+            self._note_worker_lost(f"{type(error).__name__}: {error}")
 
     @property
     def is_disconnected(self) -> bool:
@@ -794,14 +802,14 @@ class TopdressApp(App[None], inherit_bindings=False):
         because it needs none."""
         return bool(self.gone) or (self.source is None and self.replay_page.job is None)
 
-    def _note_gone(self, why: str) -> None:
+    def _note_worker_lost(self, why: str) -> None:
         """Record that the worker is lost and ask how to go on. An intended restart is no loss."""
         if self.gone or self._restarting:
             return
         self.gone = why or "gone"
-        self._show_gone(self.gone)
+        self._show_worker_lost(self.gone)
 
-    def _show_gone(self, why: str) -> None:
+    def _show_worker_lost(self, why: str) -> None:
         self.page.refresh_all_next_tick()
         self.page.show_due(self.clock())
         if not isinstance(self.screen, WorkerLostScreen):
@@ -816,7 +824,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._use_named_files(self.joined)
             return
         if how == "start" and self.services.job is not None:
-            self.ask_to_go_on(self.services.job)
+            self.ask_to_resume_job(self.services.job)
             return
         self.connect_source({"start": self.start, "attach": self.attach}.get(how or ""))
 
@@ -825,10 +833,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         if connect is not None:
             self.show_notice(_("connecting to the machine"))
             self.run_worker(
-                self._connect_awaited(connect), group="connect", exclusive=True, exit_on_error=False
+                self._await_connection(connect),
+                group="connect",
+                exclusive=True,
+                exit_on_error=False,
             )
 
-    def ask_to_go_on(self, service: JobService) -> None:
+    def ask_to_resume_job(self, service: JobService) -> None:
         """Ask whether to resume an interrupted job or begin a new job; without an interrupted job,
         start the machine."""
         self.run_with_files(service.find_offer, lambda offer: self._ask_about_offer(service, offer))
@@ -892,7 +903,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                 end = getattr(self.source, "stop_worker", None)
                 if end is not None:
                     await end()
-                await self._connect_awaited(start)
+                await self._await_connection(start)
             except (OSError, TimeoutError) as error:
                 self.show_notice(_("the machine cannot be changed over: {why}").format(why=error))
             finally:
@@ -901,7 +912,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.show_notice(_(RESTART_NOTICE))
         self.run_worker(end_and_start(), group="connect", exclusive=True, exit_on_error=False)
 
-    async def _connect_awaited(self, connect: Connector) -> None:
+    async def _await_connection(self, connect: Connector) -> None:
         """Await a new source and reset everything that belonged to the former machine."""
         try:
             self.source = await connect()
@@ -913,14 +924,14 @@ class TopdressApp(App[None], inherit_bindings=False):
         except (OSError, RuntimeError, ValueError) as error:
             if self._restarting:
                 self.gone = str(error)
-            self._show_gone(str(error))
+            self._show_worker_lost(str(error))
             return
         self.gone = ""
         if isinstance(self.screen, WorkerLostScreen):
             self.screen.dismiss(None)
-        self.arrival, self.alarm_book = FrameArrival(), AlarmHistory()
+        self.arrival, self.alarm_history = FrameArrival(), AlarmHistory()
         self.history = LiveHistory()
-        self._earlier_of = ""
+        self._earlier_log_path = ""
         self._frame_before = None
         self.undo.forget_changes()
         self._supervise_source()
@@ -964,12 +975,12 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
             return
         self.run_worker(
-            self._give_in_turn(orders, self.arrival.frame, also_back),
+            self._send_orders_in_turn(orders, self.arrival.frame, also_back),
             group="orders",
             exit_on_error=False,
         )
 
-    async def _give_in_turn(
+    async def _send_orders_in_turn(
         self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]
     ) -> None:
         followed: list[Order] = []
@@ -983,11 +994,13 @@ class TopdressApp(App[None], inherit_bindings=False):
 
             def undo_change() -> None:
                 self.run_worker(
-                    self._give_in_turn(back, None, also_back), group="orders", exit_on_error=False
+                    self._send_orders_in_turn(back, None, also_back),
+                    group="orders",
+                    exit_on_error=False,
                 )
                 also_back()
 
-            self.undo.add_change(Undoable(describe_undo(back, self.units), undo_change, back))
+            self.undo.add_change(UndoableChange(describe_undo(back, self.units), undo_change, back))
 
     async def ask_source(
         self,
@@ -1018,7 +1031,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         try:
             answer = await ask(self.source)
         except WorkerGone as error:
-            self._note_gone(str(error))
+            self._note_worker_lost(str(error))
             if not quiet:
                 self.ask_connection()
             return Answer(False, "gone")
@@ -1075,7 +1088,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         # The question was refused, so the characters that the operator types next belong to no
         # field.
         if action.asks and self.screen is before is self.page:
-            self.stray.note_refusal(action.asks, self.clock())
+            self.type_ahead_guard.note_refusal(action.asks, self.clock())
 
     def explain_not_now(self, action: Action, judged: bool = False) -> str:
         """Return why an action is impossible now, in one line; "" where it is possible or unknown.
@@ -1126,9 +1139,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self._restarting:
             self.show_notice(_(RESTART_NOTICE))
         elif self.gone:
-            self._show_gone(self.gone)
+            self._show_worker_lost(self.gone)
         elif self.source is None and (self.start or self.attach):
-            self._show_gone(_("no machine is connected"))
+            self._show_worker_lost(_("no machine is connected"))
         else:
             self.show_notice(
                 _("no machine is connected")

@@ -12,12 +12,12 @@ from topdress.control.log_row import LogRow
 
 # Distance between two corners, m: finer than any edge of a field, and 20,000 corners still cover 40
 # km.
-CORNER_GAP_M = 2.0
+MIN_CORNER_GAP_M = 2.0
 # A ring of fewer corners encloses no usable area.
-LEAST_CORNERS = 4
+MIN_CORNERS = 4
 # Dead reckoning (NMEA quality 6) and manual input (7) are excluded, because the edge must come from
 # measured positions.
-FIX_QUALITIES = (1, 2, 4, 5)
+MEASURED_FIX_QUALITIES = (1, 2, 4, 5)
 
 
 class Corner(NamedTuple):
@@ -49,18 +49,18 @@ class BoundaryDrive:
 
     def add_row(self, row: LogRow) -> None:
         """Add the position of a log row. A row without fix or heading is ignored, and so is a
-        position closer than `CORNER_GAP_M` to the last corner."""
+        position closer than `MIN_CORNER_GAP_M` to the last corner."""
         if (
             row.lat_deg is None
             or row.lon_deg is None
             or row.heading_deg is None
-            or row.fix_quality not in FIX_QUALITIES
+            or row.fix_quality not in MEASURED_FIX_QUALITIES
         ):
             return
         self.add_corner(Corner(row.lat_deg, row.lon_deg, row.heading_deg))
 
     def add_corner(self, corner: Corner) -> None:
-        """Add a corner, unless the distance to the last corner is less than `CORNER_GAP_M`."""
+        """Add a corner, unless the distance to the last corner is less than `MIN_CORNER_GAP_M`."""
         # The first corner is the origin of the plane: fields are small enough for one tangent
         # plane.
         if self._plane is None:
@@ -69,7 +69,7 @@ class BoundaryDrive:
             step_m = calc_plane_distance_m(
                 self._convert_to_m(self.corners[-1]), self._convert_to_m(corner)
             )
-            if step_m < CORNER_GAP_M:
+            if step_m < MIN_CORNER_GAP_M:
                 return
             self.way_m += step_m
         self.corners.append(corner)
@@ -94,9 +94,9 @@ class BoundaryDrive:
         """Whether the way is long enough to be closed to a ring."""
         # A straight way has a closing gap as long as itself; the factor 2 excludes a way that has
         # not turned back.
-        return len(self.corners) >= LEAST_CORNERS and self.way_m > 2.0 * self.closing_gap_m
+        return len(self.corners) >= MIN_CORNERS and self.way_m > 2.0 * self.closing_gap_m
 
-    def make_ring_deg(self) -> tuple[tuple[float, float], ...]:
+    def make_edge_ring_deg(self) -> tuple[tuple[float, float], ...]:
         """Return the edge as latitude and longitude, deg, in driving order."""
         plane = self._plane
         if plane is None:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 # Bits of a cell's dots, row by row, left dot first (Unicode block "Braille Patterns", U+2800).
-CELL_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+CELL_DOT_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 # Code of the braille character without dots; a cell's character is this code plus its bits.
-BLANK_CODE = 0x2800
+BLANK_BRAILLE_CODE = 0x2800
 # Maps (column, row) of a cell to its dot bits.
 CellDots = dict[tuple[int, int], int]
 
@@ -54,7 +54,7 @@ def trace_cells(pieces: Sequence[PlotPiece], columns: int, rows: int) -> CellDot
     def set_dots(x: int, top: int, bottom: int) -> None:
         for y in range(top, bottom + 1) if 0 <= x < wide else ():
             place = (x // 2, y // 4)
-            cells[place] = cells.get(place, 0) | CELL_BITS[y % 4][x % 2]
+            cells[place] = cells.get(place, 0) | CELL_DOT_BITS[y % 4][x % 2]
 
     last: tuple[int, int, int] | None = None
     for piece in pieces:

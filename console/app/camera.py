@@ -12,7 +12,7 @@ from topdress.console.app.coverage_raster import Box
 
 Floats = npt.NDArray[np.float64]
 # Sizes of a pixel in metres that zooming offers; round values keep the scale bar readable.
-SCALES_M = (
+PIXEL_SIZES_M = (
     0.25,
     0.5,
     1.0,
@@ -32,10 +32,10 @@ SCALES_M = (
     200.0,
 )
 # A box smaller than this, m, is not magnified further: GNSS noise would fill the picture.
-LEAST_SPAN_M = 40.0
+MIN_MAP_SPAN_M = 40.0
 # While the map follows the machine, the map moves when the machine comes closer to an edge than
 # this share of the picture.
-EDGE_SHARE = 0.25
+FOLLOW_EDGE_SHARE = 0.25
 
 
 class PixelGrid(NamedTuple):
@@ -110,9 +110,9 @@ class MapCamera(NamedTuple):
         return PixelGrid(columns, rows, self.metres, west, north)
 
     def zoom_steps(self, steps: int) -> MapCamera:
-        """Return the camera zoomed by steps of `SCALES_M`; positive steps magnify."""
-        at = min(range(len(SCALES_M)), key=lambda k: abs(SCALES_M[k] - self.metres))
-        return self._replace(metres=SCALES_M[max(0, min(len(SCALES_M) - 1, at - steps))])
+        """Return the camera zoomed by steps of `PIXEL_SIZES_M`; positive steps magnify."""
+        at = min(range(len(PIXEL_SIZES_M)), key=lambda k: abs(PIXEL_SIZES_M[k] - self.metres))
+        return self._replace(metres=PIXEL_SIZES_M[max(0, min(len(PIXEL_SIZES_M) - 1, at - steps))])
 
     def move_pixels(self, columns: float, rows: float) -> MapCamera:
         """Return the camera moved to the right and up by a number of pixels."""
@@ -124,8 +124,8 @@ class MapCamera(NamedTuple):
         """Return the camera itself while the position is well inside the picture, else the camera
         centred on the position."""
         column, row = self.make_grid(columns, rows).find_pixel(*place)
-        inside = (EDGE_SHARE * columns <= column < (1 - EDGE_SHARE) * columns) and (
-            EDGE_SHARE * rows <= row < (1 - EDGE_SHARE) * rows
+        inside = (FOLLOW_EDGE_SHARE * columns <= column < (1 - FOLLOW_EDGE_SHARE) * columns) and (
+            FOLLOW_EDGE_SHARE * rows <= row < (1 - FOLLOW_EDGE_SHARE) * rows
         )
         return self if inside else self._replace(east_m=place[0], north_m=place[1])
 
@@ -148,9 +148,9 @@ def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> Map
     need = max(
         (box.east_m - box.west_m) / max(1, columns - edge),
         (box.north_m - box.south_m) / max(1, rows - edge),
-        LEAST_SPAN_M / max(1, min(columns, rows)),
+        MIN_MAP_SPAN_M / max(1, min(columns, rows)),
     )
-    metres = need if snug else next((scale for scale in SCALES_M if scale >= need), need)
+    metres = need if snug else next((scale for scale in PIXEL_SIZES_M if scale >= need), need)
     return MapCamera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
 
 

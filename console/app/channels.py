@@ -50,7 +50,7 @@ class TrendChannel(NamedTuple):
 
 
 # This channel is calculated, so no column of the log has its name.
-RATE_ERROR = "rate_error_percent"
+RATE_ERROR_ID = "rate_error_percent"
 _DEGREES, _NDVI, _COUNT = _make_plain_unit("°", 1), _make_plain_unit("", 3), _make_plain_unit("", 0)
 _RATE, _SPEED, _MASS = _choose_unit("rate"), _choose_unit("speed", 2), _choose_unit("mass", 1)
 _SHAFT, _OPENING, _DISTANCE = (
@@ -64,7 +64,7 @@ _SHAFT, _OPENING, _DISTANCE = (
 _LABELLED = (
     TrendChannel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
     TrendChannel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
-    TrendChannel(RATE_ERROR, N_("rate error"), _make_plain_unit("%", 1)),
+    TrendChannel(RATE_ERROR_ID, N_("rate error"), _make_plain_unit("%", 1)),
     TrendChannel("speed_used_mps", N_("speed used"), _SPEED, "speed"),
     TrendChannel("speed_mps", N_("GNSS speed"), _SPEED, "speed"),
     TrendChannel("wheel_speed_mps", N_("wheel speed"), _SPEED, "speed"),
@@ -115,7 +115,7 @@ CHANNELS = (
 BY_ID = {channel.id: channel for channel in CHANNELS}
 CHANNEL_INDEX = {channel.id: index for index, channel in enumerate(CHANNELS)}
 # Channels that the Trends page plots until the operator chooses others.
-FIRST_CHANNELS = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
+DEFAULT_TREND_CHANNELS = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
 NAN = float("nan")
 
 # Position of each channel in a log row; -1 marks the calculated channel. The lookup runs for every
@@ -144,5 +144,5 @@ def find_value(row: LogRow, channel: str) -> float:
 def list_values(row: LogRow) -> list[float]:
     """Return the values of all channels of a row, in the order of CHANNELS."""
     values = [NAN if at < 0 or (value := row[at]) is None else float(value) for at in _COLUMN_INDEX]
-    values[CHANNEL_INDEX[RATE_ERROR]] = find_value(row, RATE_ERROR)
+    values[CHANNEL_INDEX[RATE_ERROR_ID]] = find_value(row, RATE_ERROR_ID)
     return values

@@ -24,39 +24,39 @@ Window = npt.NDArray[np.float32]
 
 # Sides of a cell, m. Each size is twice the former, so that four cells add up to a cell of the next
 # size.
-CELLS_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+CELL_SIZES_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # Values of a spot that are averaged: applied rate, target rate, NDVI.
-SPOT_VALUES = 3
+SPOT_VALUE_COUNT = 3
 # The fourth kind is the number of passes.
-CELL_KINDS = SPOT_VALUES + 1
+CELL_KIND_COUNT = SPOT_VALUE_COUNT + 1
 # A sum and a count for each kind, and the number of passages.
-CELL_PLANES = 2 * CELL_KINDS + 1
+CELL_PLANE_COUNT = 2 * CELL_KIND_COUNT + 1
 # Index of an additional plane: way driven when the cell was last spread on, m; 0 means never.
-_DRIVEN_PLANE = CELL_PLANES
+_DRIVEN_PLANE = CELL_PLANE_COUNT
 # Working widths driven before ground counts as a new pass, as in `control.field.coverage`.
 REVISIT_WIDTHS = 3.0
 # Spots closer than this, m, to the former spot are ignored, so that a standing machine does not
 # dominate the means.
-LEAST_STEP_M = 0.4
+MIN_SPOT_STEP_M = 0.4
 # Spacing of samples, in cells. It is below 1 / sqrt(2), the largest spacing at which every cell
 # contains a sample at any rotation of the lattice.
-PLACE_SPACING = 0.7
+SAMPLE_SPACING_CELLS = 0.7
 # Number of spots behind the machine that the trail contains, some 30 m.
-TRAIL_PLACES = 90
+MAX_TRAIL_SPOTS = 90
 # Lower rates, kg/ha, count as a passage without application.
-NOTHING_KG_HA = 1.0
+MIN_APPLIED_KG_HA = 1.0
 # A shaft above this speed turns; threshold from the paper on the machine's lag.
-TURNING_RPM = 2.0
+MIN_TURNING_RPM = 2.0
 # Spots further apart than this, m, are not connected: GNSS was lost between them.
-JUMP_M = 12.0
+MAX_JOINED_STEP_M = 12.0
 # Limit of tiles of one cell size: 1,400 tiles take 57 MB.
-MOST_TILES = 1_400
+MAX_TILES = 1_400
 # Cells along a side of a tile.
-_TILE_CELLS = 32
+_TILE_SIDE_CELLS = 32
 # Value of `Spot.open_bits` for all sections open: the two's complement of -1 has every bit set.
-ALL_OPEN = -1.0
+ALL_SECTIONS_OPEN = -1.0
 # Number of bits that a float64 represents exactly; the bits travel in an array of floats.
-MOST_BITS = 52
+MAX_SECTION_BITS = 52
 
 
 class Spot(NamedTuple):
@@ -70,7 +70,7 @@ class Spot(NamedTuple):
     target_kg_ha: float
     ndvi: float
     # Open sections as bits; bit 0 is the leftmost section.
-    open_bits: float = ALL_OPEN
+    open_bits: float = ALL_SECTIONS_OPEN
     # Distance driven up to this spot, m; `WorkedGround` sets it.
     way_m: float = 0.0
 
@@ -90,7 +90,7 @@ def make_spot(frame: Frame) -> Spot | None:
     lands = at_work or (
         row.state != "calibrating"
         and row.shaft_rpm_cmd == 0.0
-        and (row.shaft_rpm or 0.0) > TURNING_RPM
+        and (row.shaft_rpm or 0.0) > MIN_TURNING_RPM
     )
 
     def replace_unknown(value: float | None) -> float:
@@ -111,11 +111,11 @@ def parse_open_bits(sections_cmd: str | None) -> float:
     """Convert the log's column of section valves to bits; an empty column means that all sections
     are open."""
     if not sections_cmd:
-        return ALL_OPEN
+        return ALL_SECTIONS_OPEN
     return float(
         sum(
             1 << k
-            for k, command in enumerate(sections_cmd.split(";")[:MOST_BITS])
+            for k, command in enumerate(sections_cmd.split(";")[:MAX_SECTION_BITS])
             if command == "1"
         )
     )
@@ -146,7 +146,7 @@ class WorkedGround:
     `version` changes with each addition. Larger cells are calculated on demand.
     """
 
-    def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
+    def __init__(self, width_m: float = 2.4, most_tiles: int = MAX_TILES) -> None:
         self.width_m, self.most_tiles = width_m, most_tiles
         # Right ends of the sections as shares of the width.
         self.sections: tuple[float, ...] = ()
@@ -155,20 +155,24 @@ class WorkedGround:
     def clear_ground(self) -> None:
         """Remove all spots."""
         self.version = 0
-        self.cells_m: tuple[float, ...] = CELLS_M
+        self.cells_m: tuple[float, ...] = CELL_SIZES_M
         # Bounding box of the middle of the outlets.
         self.box: Box | None = None
         # Half of the working width: ground beyond the box that is also covered, m.
-        self.reach_m = 0.0
+        self.half_width_m = 0.0
         # Lowest and highest applied or target rate, kg/ha.
         self.rate_ends: tuple[float, float] | None = None
         self.ndvi_ends: tuple[float, float] | None = None
-        self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
+        self._tiles: dict[float, dict[tuple[int, int], Window]] = {
+            cell: {} for cell in CELL_SIZES_M
+        }
         # Tiles that changed since the larger cells were calculated.
-        self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}
+        self._changed_tiles: dict[float, set[tuple[int, int]]] = {
+            cell: set() for cell in CELL_SIZES_M
+        }
         self._last: Spot | None = None
         self._way_m = 0.0
-        self.trail: deque[Spot] = deque(maxlen=TRAIL_PLACES)
+        self.trail: deque[Spot] = deque(maxlen=MAX_TRAIL_SPOTS)
 
     @property
     def tile_count(self) -> int:
@@ -183,23 +187,25 @@ class WorkedGround:
             return
         self.version += 1
         # Connected spots are interpolated densely enough that no cell on the way stays empty.
-        along = _fill_ways([way for way in ways if way.joined], PLACE_SPACING * self.cells_m[0])
+        along = _interpolate_ways(
+            [way for way in ways if way.joined], SAMPLE_SPACING_CELLS * self.cells_m[0]
+        )
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(
             -1, len(Spot._fields)
         )
         laid = np.concatenate((along, points))
         # Restore driving order, which the count of passes needs.
         laid = laid[np.argsort(laid[:, -1], kind="stable")]
-        self.trail.extend(Spot(*row) for row in laid[-TRAIL_PLACES:].tolist())
+        self.trail.extend(Spot(*row) for row in laid[-MAX_TRAIL_SPOTS:].tolist())
         self._widen_box(laid)
         # Passages count along the middle only, once per sample, whatever the working width.
-        middle = np.full((len(laid), 2 + CELL_KINDS + 1), np.nan)
+        middle = np.full((len(laid), 2 + CELL_KIND_COUNT + 1), np.nan)
         middle[:, :2], middle[:, -1] = laid[:, :2], 1.0
         self._enter_rows(np.concatenate((self._list_swath_rows(laid), middle)))
         # Memory stays bounded: where the finest cells exceed the limit, only larger cells remain.
         while len(self._tiles[self.cells_m[0]]) > self.most_tiles and len(self.cells_m) > 1:
-            self._sum_up_cells(self.cells_m[1])
-            del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
+            self._build_larger_cells(self.cells_m[1])
+            del self._tiles[self.cells_m[0]], self._changed_tiles[self.cells_m[0]]
             self.cells_m = self.cells_m[1:]
 
     def add_earlier_spots(self, spots: Sequence[Spot]) -> None:
@@ -207,7 +213,7 @@ class WorkedGround:
         newest spot."""
         (last, self._last), (trail, self.trail) = (
             (self._last, None),
-            (self.trail, deque(maxlen=TRAIL_PLACES)),
+            (self.trail, deque(maxlen=MAX_TRAIL_SPOTS)),
         )
         self.add_spots(spots)
         self._last, self.trail = last, trail
@@ -219,7 +225,7 @@ class WorkedGround:
         row: int,
         columns: int,
         rows: int,
-        planes: Sequence[int] = range(CELL_PLANES),
+        planes: Sequence[int] = range(CELL_PLANE_COUNT),
     ) -> Window:
         """Return planes of a window of cells; cells without entries are zero.
 
@@ -239,19 +245,19 @@ class WorkedGround:
         ndarray
             Float32 of shape (len(planes), rows, columns).
         """
-        self._sum_up_cells(cell_m)
+        self._build_larger_cells(cell_m)
         seen = np.zeros((len(planes), rows, columns), dtype=np.float32)
         tiles = self._tiles[cell_m]
-        for tile_row in range(row // _TILE_CELLS, (row + rows - 1) // _TILE_CELLS + 1):
+        for tile_row in range(row // _TILE_SIDE_CELLS, (row + rows - 1) // _TILE_SIDE_CELLS + 1):
             for tile_column in range(
-                column // _TILE_CELLS, (column + columns - 1) // _TILE_CELLS + 1
+                column // _TILE_SIDE_CELLS, (column + columns - 1) // _TILE_SIDE_CELLS + 1
             ):
                 tile = tiles.get((tile_column, tile_row))
                 if tile is None:
                     continue
-                r0, c0 = tile_row * _TILE_CELLS, tile_column * _TILE_CELLS
-                r = slice(max(row, r0), min(row + rows, r0 + _TILE_CELLS))
-                c = slice(max(column, c0), min(column + columns, c0 + _TILE_CELLS))
+                r0, c0 = tile_row * _TILE_SIDE_CELLS, tile_column * _TILE_SIDE_CELLS
+                r = slice(max(row, r0), min(row + rows, r0 + _TILE_SIDE_CELLS))
+                c = slice(max(column, c0), min(column + columns, c0 + _TILE_SIDE_CELLS))
                 for k, plane in enumerate(planes):
                     seen[k, r.start - row : r.stop - row, c.start - column : c.stop - column] = (
                         tile[plane, r.start - r0 : r.stop - r0, c.start - c0 : c.stop - c0]
@@ -284,11 +290,13 @@ class WorkedGround:
                 if last is None
                 else hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
             )
-            if last is None or apart_m >= LEAST_STEP_M:
+            if last is None or apart_m >= MIN_SPOT_STEP_M:
                 self._way_m += apart_m
                 self._last = spot._replace(way_m=self._way_m)
                 yield _SpotWay(
-                    last or self._last, self._last, last is not None and apart_m <= JUMP_M
+                    last or self._last,
+                    self._last,
+                    last is not None and apart_m <= MAX_JOINED_STEP_M,
                 )
 
     @property
@@ -302,19 +310,19 @@ class WorkedGround:
             laid[:, :2].max(axis=0).tolist(),
         )
         old = self.box or Box(west, south, east, north)
-        self.reach_m = max(self.reach_m, 0.5 * self.width_m)
+        self.half_width_m = max(self.half_width_m, 0.5 * self.width_m)
         self.box = Box(
             min(old.west_m, west),
             min(old.south_m, south),
             max(old.east_m, east),
             max(old.north_m, north),
         )
-        self.rate_ends = _widen_ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
+        self.rate_ends = _widen_ends(self.rate_ends, laid[:, 3:5], MIN_APPLIED_KG_HA)
         self.ndvi_ends = _widen_ends(self.ndvi_ends, laid[:, 5], -1.0)
 
     def _list_offsets_m(self) -> Floats:
         """Return positions across the working width, m to the right of its middle."""
-        count = max(1, ceil(self.width_m / (PLACE_SPACING * self.cells_m[0])))
+        count = max(1, ceil(self.width_m / (SAMPLE_SPACING_CELLS * self.cells_m[0])))
         return np.asarray((np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m)
 
     @staticmethod
@@ -343,23 +351,25 @@ class WorkedGround:
         aside = self._list_offsets_m()
         places, right = self._make_swath(laid, aside)
         count = len(aside)
-        values = np.repeat(laid[:, 3 : 3 + SPOT_VALUES], count, axis=0)
+        values = np.repeat(laid[:, 3 : 3 + SPOT_VALUE_COUNT], count, axis=0)
         if self.sections:
             of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(
                 max=len(self.sections) - 1
             )
-            bits = laid[:, 3 + SPOT_VALUES].astype(np.int64)
+            bits = laid[:, 3 + SPOT_VALUE_COUNT].astype(np.int64)
             # A closed section applies nothing and owes nothing; its NDVI still counts.
             values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan
         # The pass is judged at the cell's middle: cells that the edge of the swath only touches
         # would count overlap between neighbouring passes.
         middles = (np.floor(places / self.cells_m[0]) + 0.5) * self.cells_m[0]
         off = ((middles - laid[:, None, :2]) * right[:, None, :]).sum(axis=2)
-        spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (values[:, 0] >= NOTHING_KG_HA)
-        rows = np.zeros((len(values), 2 + CELL_KINDS + 1))
-        rows[:, :2], rows[:, 2 : 2 + SPOT_VALUES] = places.reshape(-1, 2), values
-        rows[:, 2 + SPOT_VALUES] = np.where(
-            spread, np.repeat(laid[:, 4 + SPOT_VALUES], count), np.nan
+        spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (
+            values[:, 0] >= MIN_APPLIED_KG_HA
+        )
+        rows = np.zeros((len(values), 2 + CELL_KIND_COUNT + 1))
+        rows[:, :2], rows[:, 2 : 2 + SPOT_VALUE_COUNT] = places.reshape(-1, 2), values
+        rows[:, 2 + SPOT_VALUE_COUNT] = np.where(
+            spread, np.repeat(laid[:, 4 + SPOT_VALUE_COUNT], count), np.nan
         )
         return rows
 
@@ -367,7 +377,7 @@ class WorkedGround:
         """Add rows of `_list_swath_rows` to the finest cells."""
         cell_m = self.cells_m[0]
         cells = np.floor(rows[:, :2] / cell_m).astype(np.int64)
-        tile = cells // _TILE_CELLS
+        tile = cells // _TILE_SIDE_CELLS
         # Rows sorted by tile are added by one NumPy call per tile.
         order = np.lexsort((tile[:, 1], tile[:, 0]))
         tile, cells, rows = tile[order], cells[order], rows[order]
@@ -375,18 +385,20 @@ class WorkedGround:
         for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(tile)], strict=True):
             column, row = tile[begin].tolist()
             planes = self._find_or_make_tile(cell_m, (column, row))
-            self._new[cell_m].add((column, row))
-            inside = cells[begin:end] - np.array((column * _TILE_CELLS, row * _TILE_CELLS))
-            flat = inside[:, 1] * _TILE_CELLS + inside[:, 0]
-            by_cell = planes.reshape(len(planes), _TILE_CELLS * _TILE_CELLS)
+            self._changed_tiles[cell_m].add((column, row))
+            inside = cells[begin:end] - np.array(
+                (column * _TILE_SIDE_CELLS, row * _TILE_SIDE_CELLS)
+            )
+            flat = inside[:, 1] * _TILE_SIDE_CELLS + inside[:, 0]
+            by_cell = planes.reshape(len(planes), _TILE_SIDE_CELLS * _TILE_SIDE_CELLS)
             # `np.add.at` adds repeated cells correctly, unlike indexed `+=`.
-            np.add.at(by_cell[2 * CELL_KINDS], flat, rows[begin:end, -1])
-            for kind in range(SPOT_VALUES):
+            np.add.at(by_cell[2 * CELL_KIND_COUNT], flat, rows[begin:end, -1])
+            for kind in range(SPOT_VALUE_COUNT):
                 values = rows[begin:end, 2 + kind]
                 known = np.isfinite(values)
                 np.add.at(by_cell[kind], flat[known], values[known])
-                np.add.at(by_cell[CELL_KINDS + kind], flat[known], 1.0)
-            self._count_passes(by_cell, flat, rows[begin:end, 2 + SPOT_VALUES])
+                np.add.at(by_cell[CELL_KIND_COUNT + kind], flat[known], 1.0)
+            self._count_passes(by_cell, flat, rows[begin:end, 2 + SPOT_VALUE_COUNT])
 
     def _count_passes(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
         """Add a pass to each cell that the outlets entered again after leaving it."""
@@ -397,8 +409,8 @@ class WorkedGround:
         order = np.lexsort((way_m, cells))
         cells, way_m = cells[order], way_m[order]
         times, covered, since = (
-            by_cell[SPOT_VALUES],
-            by_cell[CELL_KINDS + SPOT_VALUES],
+            by_cell[SPOT_VALUE_COUNT],
+            by_cell[CELL_KIND_COUNT + SPOT_VALUE_COUNT],
             by_cell[_DRIVEN_PLANE],
         )
         before, same = since[cells], cells[1:] == cells[:-1]
@@ -414,18 +426,18 @@ class WorkedGround:
         tile = self._tiles[cell_m].get(at)
         if tile is None:
             tile = self._tiles[cell_m][at] = np.zeros(
-                (CELL_PLANES + 1, _TILE_CELLS, _TILE_CELLS), dtype=np.float32
+                (CELL_PLANE_COUNT + 1, _TILE_SIDE_CELLS, _TILE_SIDE_CELLS), dtype=np.float32
             )
         return tile
 
-    def _sum_up_cells(self, cell_m: float) -> None:
+    def _build_larger_cells(self, cell_m: float) -> None:
         """Calculate larger cells, up to this size, from the changed tiles of smaller cells; each
         larger cell is the sum of four."""
-        half = _TILE_CELLS // 2
+        half = _TILE_SIDE_CELLS // 2
         for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
-            for column, row in self._new[small]:
+            for column, row in self._changed_tiles[small]:
                 tile_of_four = self._tiles[small][column, row].reshape(
-                    CELL_PLANES + 1, half, 2, half, 2
+                    CELL_PLANE_COUNT + 1, half, 2, half, 2
                 )
                 fours = tile_of_four.sum(axis=(2, 4))
                 # The way of the last pass is no sum: the latest of the four cells counts.
@@ -433,8 +445,8 @@ class WorkedGround:
                 tile = self._find_or_make_tile(large, (column // 2, row // 2))
                 r, c = half * (row % 2), half * (column % 2)
                 tile[:, r : r + half, c : c + half] = fours
-                self._new[large].add((column // 2, row // 2))
-            self._new[small].clear()
+                self._changed_tiles[large].add((column // 2, row // 2))
+            self._changed_tiles[small].clear()
 
 
 class _SpotWay(NamedTuple):
@@ -445,7 +457,7 @@ class _SpotWay(NamedTuple):
     joined: bool
 
 
-def _fill_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
+def _interpolate_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
     """Interpolate spots along connected ways.
 
     Parameters

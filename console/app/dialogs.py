@@ -13,7 +13,7 @@ from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
-from topdress.console.app.type_ahead_guard import TYPING_PAUSE_S
+from topdress.console.app.type_ahead_guard import MAX_TYPING_PAUSE_S
 from topdress.console.app.widgets.choice_list import Choice as Choice
 from topdress.console.app.widgets.choice_list import ChoiceList, ChoicesView
 from topdress.console.app.widgets.panel import Picked
@@ -127,7 +127,7 @@ class NudgeDialog(Dialog[float | None]):
         self.percent = now_percent
         # True after a typed digit. Numbers are not accepted here, so a 0 that follows must not
         # clear the nudge.
-        self._typing = False
+        self._number_begun = False
         self.action_step(first)
 
     def compose_body(self) -> ComposeResult:
@@ -137,12 +137,12 @@ class NudgeDialog(Dialog[float | None]):
         """Refuse digits with an explanation, because the 0 of a typed `10` must not clear the
         nudge."""
         digit = event.character or event.key.removeprefix("kp_")
-        if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._typing):
+        if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._number_begun):
             event.stop()
-            self._typing = True
+            self._number_begun = True
             self._show_nudge(_("It goes in steps: + and - change it, a number is not typed here."))
         elif event.key in ("backspace", "delete"):
-            self._typing = False
+            self._number_begun = False
             self._show_nudge()
 
     def _format_nudge(self) -> str:
@@ -152,7 +152,7 @@ class NudgeDialog(Dialog[float | None]):
         """Change the nudge by steps of 5 %."""
         wanted = self.percent + steps * self.STEP_PERCENT
         self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
-        self._typing = False
+        self._number_begun = False
         self._show_nudge()
 
     def action_zero(self) -> None:
@@ -208,7 +208,7 @@ class ChoiceDialog(Dialog[str | None]):
         self.now = now
         values = [choice.value for choice in self.choices]
         self.at = at if at is not None else values.index(now) if now in values else 0
-        self._typed, self._typed_s, self._wrong = "", 0.0, ""
+        self._typed, self._typed_s, self._unknown_number = "", 0.0, ""
 
     def compose_body(self) -> ComposeResult:
         yield ChoiceList(self._make_view(), id="choices")
@@ -235,7 +235,7 @@ class ChoiceDialog(Dialog[str | None]):
             )
 
     def _make_view(self) -> ChoicesView:
-        return ChoicesView(self.choices, self.at, self.now, self._wrong)
+        return ChoicesView(self.choices, self.at, self.now, self._unknown_number)
 
     def _show_mark(self) -> None:
         shown = self.query_one(ChoiceList)
@@ -243,7 +243,7 @@ class ChoiceDialog(Dialog[str | None]):
         shown.refresh(layout=True)
 
     def _mark_line(self, index: int) -> None:
-        self.at, self._typed, self._wrong = index, "", ""
+        self.at, self._typed, self._unknown_number = index, "", ""
         self._show_mark()
 
     def action_move(self, by: int) -> None:
@@ -266,7 +266,7 @@ class ChoiceDialog(Dialog[str | None]):
             return
         event.stop()
         now_s = cast("TopdressApp", self.app).clock()
-        before = self._typed if now_s - self._typed_s < TYPING_PAUSE_S else ""
+        before = self._typed if now_s - self._typed_s < MAX_TYPING_PAUSE_S else ""
         # `int` converts digits of other scripts, which `isdecimal` admits.
         typed = (before + str(int(digit))).lstrip("0")
         if not typed:
@@ -275,7 +275,7 @@ class ChoiceDialog(Dialog[str | None]):
             self._mark_line(int(typed) - 1)
             self._typed, self._typed_s = typed, now_s
         else:
-            self._typed, self._wrong = "", typed
+            self._typed, self._unknown_number = "", typed
             self._show_mark()
 
     def on_picked(self, event: Picked) -> None:
@@ -290,7 +290,7 @@ class ChoiceDialog(Dialog[str | None]):
         """Answer with the marked entry. An impossible entry shows its reason, and the dialog stays
         open."""
         self._typed = ""
-        if self.at >= 0 and not self._wrong and not self.choices[self.at].why:
+        if self.at >= 0 and not self._unknown_number and not self.choices[self.at].why:
             self.dismiss(self.choices[self.at].value)
 
 

@@ -14,7 +14,7 @@ from topdress.control.orders import Do, Order, TargetSource
 
 # Largest change, as a share of the former dose, that needs no question. The nudge has the same
 # limit in its own dialog.
-UNASKED_SHARE = 0.3
+MAX_UNASKED_CHANGE_SHARE = 0.3
 # Orders that change the dose.
 DOSE_ORDERS = frozenset({Do.SOURCE, Do.MANUAL_RATE, Do.NUDGE})
 # Products of rates and nudges have rounding errors: with this slack 130 after 100 counts as 30 %.
@@ -36,7 +36,7 @@ class DoseChange(NamedTuple):
         before, after = self.before_kg_ha, self.after_kg_ha
         if before is None or after is None:
             return True
-        return abs(after - before) > (UNASKED_SHARE + _ROUNDING_SLACK) * before
+        return abs(after - before) > (MAX_UNASKED_CHANGE_SHARE + _ROUNDING_SLACK) * before
 
     def format_question(self, units: Units) -> str:
         """Return the title of the question about this change."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 PictureLoader = Callable[[Frame], FieldPicture | None]
 # Pictures that stay in memory; an operator rarely compares more fields.
-_MOST_PICTURES = 4
+_MAX_CACHED_PICTURES = 4
 
 
 class FieldPictures:
@@ -46,7 +46,7 @@ class FieldPictures:
 
     def _keep_picture(self, key: tuple[str, str], picture: FieldPicture | None) -> None:
         # A dict keeps insertion order, so the oldest picture is dropped first.
-        while len(self._known) > _MOST_PICTURES:
+        while len(self._known) > _MAX_CACHED_PICTURES:
             del self._known[next(iter(self._known))]
         self._known[key] = picture
         self._app.page.refresh_all_next_tick()

@@ -14,12 +14,12 @@ from typing import NamedTuple
 from topdress.console.app.camera import MapCamera
 
 # Shortest distance from A to B, m: below it the noise of a fix rotates the line by degrees.
-LEAST_LENGTH_M = 10.0
+MIN_LINE_LENGTH_M = 10.0
 # Distance to which the line is drawn beyond its ends, m.
 DRAWN_BEYOND_M = 10_000.0
 # Beyond this difference of heading the machine drives from B to A, where left and right are
 # exchanged.
-TURNED_DEG = 90.0
+OPPOSITE_HEADING_DEG = 90.0
 
 Place = tuple[float, float]
 
@@ -59,7 +59,7 @@ class GuideLine:
     def set_end(self, b: Place) -> bool:
         """Set B and return True if it is at least `MIN_LINE_LENGTH_M` from A; otherwise return
         False."""
-        if self.a is None or hypot(b[0] - self.a[0], b[1] - self.a[1]) < LEAST_LENGTH_M:
+        if self.a is None or hypot(b[0] - self.a[0], b[1] - self.a[1]) < MIN_LINE_LENGTH_M:
             return False
         self.b = b
         return True
@@ -94,7 +94,7 @@ class GuideLine:
         off_m = right_m - number * self.width_m
         if (
             heading_deg is not None
-            and abs((heading_deg - self.heading_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG
+            and abs((heading_deg - self.heading_deg + 180.0) % 360.0 - 180.0) > OPPOSITE_HEADING_DEG
         ):
             off_m = -off_m
         return TrackOffset(off_m, number)

@@ -9,9 +9,9 @@ second. A gap means a release. A single accidental press therefore turns nothing
 from __future__ import annotations
 
 # Longest delay before a terminal's first repeat, s.
-FIRST_REPEAT_S = 1.0
+MAX_FIRST_REPEAT_S = 1.0
 # A longer gap between repeats, s, counts as a release; the slowest usual repeat period is 0.092 s.
-REPEAT_GAP_S = 0.25
+MAX_REPEAT_GAP_S = 0.25
 
 
 class HeldKey:
@@ -35,13 +35,15 @@ class HeldKey:
     def note_key(self, now_s: float) -> None:
         """Record a press or repeat."""
         if self._blocked_s is not None:
-            if now_s - self._blocked_s <= REPEAT_GAP_S:
+            if now_s - self._blocked_s <= MAX_REPEAT_GAP_S:
                 self._blocked_s = now_s
                 return
             self._blocked_s = None
-        held = self._last_s is not None and now_s - self._last_s <= REPEAT_GAP_S
+        held = self._last_s is not None and now_s - self._last_s <= MAX_REPEAT_GAP_S
         second = (
-            self.is_armed and self._first_s is not None and now_s - self._first_s <= FIRST_REPEAT_S
+            self.is_armed
+            and self._first_s is not None
+            and now_s - self._first_s <= MAX_FIRST_REPEAT_S
         )
         if held or second:
             self._last_s = now_s
@@ -64,12 +66,12 @@ class HeldKey:
 
     def is_down(self, now_s: float) -> bool:
         """Whether the key or the button is held at this time."""
-        if self._last_s is not None and now_s - self._last_s > REPEAT_GAP_S:
+        if self._last_s is not None and now_s - self._last_s > MAX_REPEAT_GAP_S:
             self._first_s = self._last_s = None
         if (
             self._first_s is not None
             and self._last_s is None
-            and now_s - self._first_s > FIRST_REPEAT_S
+            and now_s - self._first_s > MAX_FIRST_REPEAT_S
         ):
             self._first_s = None
         return self._mouse or self._last_s is not None

@@ -15,9 +15,9 @@ from topdress.console.frame import Frame
 # Time span of the trend on the Run page, s.
 TREND_SPAN_S = 120.0
 # More points than a wide terminal has columns, for a trend of two minutes at the worker's rate.
-TREND_POINTS = 2_000
+MAX_TREND_POINTS = 2_000
 # Frames entered per call: the screen must respond while a long log is read.
-MOST_FRAMES_AT_ONCE = 10_000
+MAX_FRAMES_PER_CALL = 10_000
 
 
 class TrendPoint(NamedTuple):
@@ -38,7 +38,7 @@ class LiveHistory:
     it."""
 
     def __init__(self) -> None:
-        self.points: deque[TrendPoint] = deque(maxlen=TREND_POINTS)
+        self.points: deque[TrendPoint] = deque(maxlen=MAX_TREND_POINTS)
         self.worked = WorkedGround()
         self.series = SeriesPyramid()
 
@@ -83,7 +83,7 @@ class LogHistory:
         self.worked = WorkedGround()
         self._entered = 0
 
-    def enter_up_to(self, last: int, most: int = MOST_FRAMES_AT_ONCE) -> bool:
+    def enter_up_to(self, last: int, most: int = MAX_FRAMES_PER_CALL) -> bool:
         """Enter frames up to `last` (included) into `worked`, in parts so that the screen responds.
 
         Parameters
@@ -111,5 +111,5 @@ class LogHistory:
 
 def sample_points(frames: Sequence[Frame], first: int, last: int) -> tuple[TrendPoint, ...]:
     """Return points of frames `first` to `last` (both included), thinned to `MAX_TREND_POINTS`."""
-    step = max(1, (last - first + 1) // TREND_POINTS)
+    step = max(1, (last - first + 1) // MAX_TREND_POINTS)
     return tuple(make_point(frame) for frame in islice(frames, first, last + 1, step))

@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Set
 
 # This key stops the machine whatever the keymap contains, even where a text field has the focus.
-ALWAYS_STOP = "f12"
+STOP_KEY = "f12"
 # The key bar prints arrow keys as < and >, so these characters act as arrows.
 _SAME_KEYS = {
     "less_than_sign": "left",
@@ -44,7 +44,7 @@ def normalise_key(key: str, bound: Set[str], urgent: Set[str]) -> str:
     *held, last = key.split("+")
     last = _SAME_KEYS.get(last, last) if last != "@" or held else last
     # STOP precedes the keymap: no binding can take its key.
-    if last == ALWAYS_STOP:
+    if last == STOP_KEY:
         return last
     # A key that has its own action keeps it: a capital may differ from the small letter.
     if key in bound:

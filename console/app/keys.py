@@ -37,7 +37,7 @@ from topdress.console.app.screens.jump import (
     choose_label_letters,
     click_place,
     find_click_places,
-    make_labels,
+    make_jump_labels,
 )
 from topdress.console.app.tour import Tour
 from topdress.console.app.units import UNITS
@@ -79,7 +79,7 @@ def show_alarm_list(app: TopdressApp) -> None:
         return
     replayed = app.page.where == REPLAY and app.replay_page.job is not None
     records: tuple[AlarmRecord, ...] = (
-        app.replay_page.list_alarm_records() if replayed else app.alarm_book.records
+        app.replay_page.list_alarm_records() if replayed else app.alarm_history.records
     )
     title = _("Alarms of this log") if replayed else _("Alarms of this run")
     app.push_screen(AlarmList(title, make_alarm_entries(records, app.units, app.utc_offset_s)))
@@ -191,7 +191,7 @@ def show_jump_letters(app: TopdressApp) -> None:
         return
     places = find_click_places(app.screen)
     app.ask_question(
-        JumpScreen(places, make_labels(len(places), choose_label_letters(app.bound_keys))),
+        JumpScreen(places, make_jump_labels(len(places), choose_label_letters(app.bound_keys))),
         click_place,
     )
 
@@ -203,7 +203,7 @@ def ask_to_undo(app: TopdressApp) -> None:
     assert change is not None, "said by why_no_undo"
 
     def undo_newest() -> None:
-        app.undo.take_newest()
+        app.undo.pop_newest()
         change.back()
 
     dose = predict_dose_change(app.arrival.frame, change.orders)

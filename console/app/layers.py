@@ -8,7 +8,7 @@ from typing import NamedTuple
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.units import Units
-from topdress.console.app.view import ERROR_SPAN
+from topdress.console.app.view import ERROR_BAR_SHARE
 from topdress.console.locale import N_
 from topdress.console.scale import (
     Rgb,
@@ -45,9 +45,9 @@ LAYER_KINDS = {
     MapLayer.PASSES: (3,),
 }  # of Worked
 # One pass is full coverage; two or more passes are overlap.
-PASSES_ENDS = (1.0, 2.0)
+PASSES_RANGE = (1.0, 2.0)
 # NDVI of bare soil and of a closed canopy, as the sensor heads report it.
-NDVI_ENDS = (0.2, 0.9)
+NDVI_RANGE = (0.2, 0.9)
 # Layers in kg/ha, which share one colour scale.
 RATE_LAYERS = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
@@ -116,12 +116,12 @@ def find_colour_scale(
         ground worked so far.
     """
     if layer is MapLayer.ERROR:
-        return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
+        return LayerScale(layer, -ERROR_BAR_SHARE, ERROR_BAR_SHARE, 100.0, 0, "%")
     if layer is MapLayer.PASSES:
-        return LayerScale(layer, *PASSES_ENDS, 1.0, 0, "x")
+        return LayerScale(layer, *PASSES_RANGE, 1.0, 0, "x")
     if layer is MapLayer.NDVI:
         low, high = (
-            NDVI_ENDS
+            NDVI_RANGE
             if most_kg_ha is not None
             else round_calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         )

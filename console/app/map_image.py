@@ -10,13 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.braille import CELL_BITS
+from topdress.console.app.braille import CELL_DOT_BITS
 from topdress.console.app.camera import PixelGrid
-from topdress.console.app.coverage_raster import CELL_KINDS, NOTHING_KG_HA, Window, WorkedGround
+from topdress.console.app.coverage_raster import (
+    CELL_KIND_COUNT,
+    MIN_APPLIED_KG_HA,
+    Window,
+    WorkedGround,
+)
 from topdress.console.app.field_picture import FieldPicture, Ring
 from topdress.console.app.layers import LAYER_KINDS, RATE_LAYERS, LayerScale, MapLayer
-from topdress.console.app.overlay_file import LaidView
-from topdress.console.app.view import RATE_FLOOR_KG_HA
+from topdress.console.app.overlay_file import OverlayView
+from topdress.console.app.view import MIN_ERROR_REFERENCE_KG_HA
 from topdress.console.scale import COLOUR_STEPS
 
 # Palette entries; shape (rows, columns) from the north-west.
@@ -25,25 +30,25 @@ Image = npt.NDArray[np.uint8]
 Codes = npt.NDArray[np.int32]
 Values = npt.NDArray[np.float32]
 # Bits of braille dots as an array, for lines over the map.
-_BITS = np.array(CELL_BITS, dtype=np.uint8)
+_BITS = np.array(CELL_DOT_BITS, dtype=np.uint8)
 
 # Palette entries: empty ground, ground passed without application, then a block of colour steps for
 # each kind of ground.
-EMPTY, PASSAGE = 0, 1
+EMPTY_ENTRY, PASSAGE_ENTRY = 0, 1
 # First entry of worked ground.
 DONE_ENTRY = 2
 # First entry of planned ground.
 PLAN_ENTRY = DONE_ENTRY + COLOUR_STEPS
 # First entry of ground from an overlaid file.
-LAID_ENTRY = PLAN_ENTRY + COLOUR_STEPS
+OVERLAY_ENTRY = PLAN_ENTRY + COLOUR_STEPS
 # First entry of worked ground on the trail behind the machine.
-GLOW_ENTRY = LAID_ENTRY + COLOUR_STEPS
-ENTRY_COUNT = GLOW_ENTRY + COLOUR_STEPS
+TRAIL_ENTRY = OVERLAY_ENTRY + COLOUR_STEPS
+ENTRY_COUNT = TRAIL_ENTRY + COLOUR_STEPS
 # Largest side of a cell, as a share of the pixel: below 1, every pixel contains the centre of a
 # cell.
-MOST_CELL_SHARE = 0.75
+MAX_CELL_PIXEL_SHARE = 0.75
 # A pass counts as straight if its last 8 m deviate by at most 10 degrees from the heading.
-STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0
+MAX_PASS_TURN_DEG, MIN_STRAIGHT_PASS_M = 10.0, 8.0
 
 
 class GroundPixels(NamedTuple):
@@ -60,13 +65,17 @@ class GroundPixels(NamedTuple):
         """Return the mean of a layer over each pixel, and whether the middle of the outlets passed
         the pixel."""
         kinds = LAYER_KINDS[layer]
-        planes = self.sum_planes(*kinds, *(CELL_KINDS + kind for kind in kinds), 2 * CELL_KINDS)
+        planes = self.sum_planes(
+            *kinds, *(CELL_KIND_COUNT + kind for kind in kinds), 2 * CELL_KIND_COUNT
+        )
         # Pixels without entries divide 0 by 0 and become NaN, which means unknown.
         with np.errstate(invalid="ignore", divide="ignore"):
             means = planes[: len(kinds)] / planes[len(kinds) : -1]
         if layer is MapLayer.ERROR:
             # The floor prevents a huge relative error where the target is almost zero.
-            means = (means[:1] - means[1:]) / np.maximum(means[1:], np.float32(RATE_FLOOR_KG_HA))
+            means = (means[:1] - means[1:]) / np.maximum(
+                means[1:], np.float32(MIN_ERROR_REFERENCE_KG_HA)
+            )
         return means[0], planes[-1] > 0.0
 
     def sum_planes(self, *which: int) -> Window:
@@ -75,10 +84,10 @@ class GroundPixels(NamedTuple):
         seen = np.zeros((len(which), pixels.rows, pixels.columns), dtype=np.float32)
         if worked.box is None:
             return seen
-        cell = worked.choose_cell_m(MOST_CELL_SHARE * pixels.metres)
+        cell = worked.choose_cell_m(MAX_CELL_PIXEL_SHARE * pixels.metres)
         # Only the part of the picture that overlaps the worked ground is read: a far zoom costs no
         # more than the field.
-        (west, south, east, north), far_m = worked.box, worked.reach_m + cell
+        (west, south, east, north), far_m = worked.box, worked.half_width_m + cell
         left, top = pixels.find_pixel(west - far_m, north + far_m)
         right, bottom = pixels.find_pixel(east + far_m, south - far_m)
         left, right = max(0, left), min(pixels.columns, right + 1)
@@ -96,8 +105,8 @@ class GroundPixels(NamedTuple):
             planes = worked.sum_window(
                 cell, columns.first, rows.first, columns.cells, rows.cells, which
             )
-            seen[:, top:bottom, left:right] = columns.gather_pixels(
-                rows.gather_pixels(planes, 1),
+            seen[:, top:bottom, left:right] = columns.resample_planes(
+                rows.resample_planes(planes, 1),
                 2,
                 # Cells count rows from the south, pixels from the north.
             )[:, ::-1, :]
@@ -110,7 +119,7 @@ def make_image(
     scale: LayerScale,
     pixels: PixelGrid,
     plan: bool = True,
-    laid: LaidView | None = None,
+    laid: OverlayView | None = None,
 ) -> Image:
     """Return the palette entries of all pixels.
 
@@ -129,7 +138,7 @@ def make_image(
     laid
         Overlaid file, drawn above the plan and below the worked ground.
     """
-    seen = np.full((pixels.rows, pixels.columns), EMPTY, dtype=np.uint8)
+    seen = np.full((pixels.rows, pixels.columns), EMPTY_ENTRY, dtype=np.uint8)
     if picture is not None and picture.planned is not None and plan and scale.layer in RATE_LAYERS:
         _colour_pixels(seen, picture.planned.sample_pixels(pixels), scale, PLAN_ENTRY)
     if laid is not None:
@@ -138,13 +147,13 @@ def make_image(
             seen,
             np.where(_is_passage_only(values, laid.scale), np.float32(np.nan), values),
             laid.scale,
-            LAID_ENTRY,
+            OVERLAY_ENTRY,
         )
     # Worked ground comes last, because it covers plan and overlay.
     values, passed = GroundPixels(worked, pixels).calc_means_and_passage(scale.layer)
-    seen[passed] = PASSAGE
+    seen[passed] = PASSAGE_ENTRY
     nothing = _is_passage_only(values, scale)
-    seen[nothing] = PASSAGE
+    seen[nothing] = PASSAGE_ENTRY
     _colour_pixels(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE_ENTRY)
     return seen
 
@@ -173,7 +182,7 @@ def mark_trail(seen: Image, worked: WorkedGround, pixels: PixelGrid) -> None:
         # Only worked pixels change: planned and empty ground next to the trail keeps its colour.
         & (near >= DONE_ENTRY)
         & (near < PLAN_ENTRY)
-    ] += GLOW_ENTRY - DONE_ENTRY
+    ] += TRAIL_ENTRY - DONE_ENTRY
 
 
 def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...]:
@@ -186,7 +195,7 @@ def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...
         (
             one
             for one in reversed(worked.trail)
-            if hypot(here.east_m - one.east_m, here.north_m - one.north_m) >= STRAIGHT_M
+            if hypot(here.east_m - one.east_m, here.north_m - one.north_m) >= MIN_STRAIGHT_PASS_M
         ),
         None,
     )
@@ -196,7 +205,7 @@ def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...
     # The direction over the last metres must agree with the heading: on a headland no neighbouring
     # pass exists.
     turned_deg = degrees(atan2(east, north)) - here.heading_deg
-    if not abs((turned_deg + 180.0) % 360.0 - 180.0) <= STRAIGHT_DEG:
+    if not abs((turned_deg + 180.0) % 360.0 - 180.0) <= MAX_PASS_TURN_DEG:
         return ()
     long_m = hypot(east, north)
     east, north = east / long_m, north / long_m
@@ -240,7 +249,7 @@ def rasterise_lines(lines: Iterable[Ring], pixels: PixelGrid) -> Image:
 
 
 # Bits of a palette entry within a cell code.
-PAIR_BITS = 8  # of an entry in a code
+ENTRY_BITS = 8  # of an entry in a code
 
 
 class TwoColourCells(NamedTuple):
@@ -275,15 +284,15 @@ def choose_two_colours(seen: Image) -> TwoColourCells:
     below = np.where(one_below, first, np.where(one_above, third, second))
     codes = np.zeros(first.shape, dtype=np.int32)
     for k, quarter in enumerate(quarters):
-        codes |= (quarter > below).astype(np.int32) << (2 * PAIR_BITS + k)
+        codes |= (quarter > below).astype(np.int32) << (2 * ENTRY_BITS + k)
     upper = np.where(one_below & (gap > 0), third, fourth).astype(np.int32)
     lower = np.where(one_above & ~one_below, second, first)
-    return TwoColourCells(codes | upper << PAIR_BITS | lower, third)
+    return TwoColourCells(codes | upper << ENTRY_BITS | lower, third)
 
 
 def _is_passage_only(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
     """Return where the values are rates of a passage without application."""
-    return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATE_LAYERS)
+    return np.asarray(values < MIN_APPLIED_KG_HA) & (scale.layer in RATE_LAYERS)
 
 
 def _colour_pixels(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
@@ -325,7 +334,7 @@ class _PixelAxis(NamedTuple):
         )
         return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
 
-    def gather_pixels(self, planes: Window, axis: int) -> Window:
+    def resample_planes(self, planes: Window, axis: int) -> Window:
         """Return planes resampled to pixels along an axis."""
         # Pixels and cells coincide, so no copy is needed.
         if self.cells == len(self.starts):

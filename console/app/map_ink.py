@@ -11,19 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from rich.color import Color
 from textual.widget import Widget
-from topdress.console.app.braille import BLANK_CODE
+from topdress.console.app.braille import BLANK_BRAILLE_CODE
 from topdress.console.app.camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture, Ring
 from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
 from topdress.console.app.map_image import (
     DONE_ENTRY,
-    EMPTY,
-    GLOW_ENTRY,
-    LAID_ENTRY,
-    PAIR_BITS,
-    PASSAGE,
+    EMPTY_ENTRY,
+    ENTRY_BITS,
+    OVERLAY_ENTRY,
+    PASSAGE_ENTRY,
     PLAN_ENTRY,
+    TRAIL_ENTRY,
     Codes,
     Image,
     choose_two_colours,
@@ -32,7 +32,7 @@ from topdress.console.app.map_image import (
     mark_trail,
     rasterise_lines,
 )
-from topdress.console.app.overlay_file import LaidView
+from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import METRIC, Units
 from topdress.console.scale import COLOUR_STEPS, Rgb
@@ -43,8 +43,8 @@ _MACHINE_SIGNS = "▴▸▾◂"
 # quarter.
 _QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
 # Length of the line ahead of the machine, in pixels.
-_AHEAD_PIXELS = 4
-_ENTRY_MASK = (1 << PAIR_BITS) - 1
+_WAY_AHEAD_PIXELS = 4
+_ENTRY_MASK = (1 << ENTRY_BITS) - 1
 # Codes of machine and cross lie above all codes of ground.
 _MACHINE, _CROSS = 1 << 20, (1 << 20) + len(_MACHINE_SIGNS)  # above all codes of ground
 # Code of a line: this base, plus the kind of line x 2^16, plus its dots x 2^8, plus the entry
@@ -54,15 +54,20 @@ _LINE_CODE = 1 << 21
 # next pass.
 _LINE_SIGNS = "#*."
 # The next pass has this share of the outline's colour, because it is a suggestion only.
-_NEXT_PASS_SHARE = 0.55
+_NEXT_PASS_COLOUR_SHARE = 0.55
 # Share of the layer's colour on the trail; the rest is the machine's colour.
-_GLOW_SHARE = 0.78
+_TRAIL_COLOUR_SHARE = 0.78
 # Share of the layer's colour on planned ground, which must look fainter than worked ground.
-PLANNED_SHARE = 0.38
+PLAN_COLOUR_SHARE = 0.38
 # Share of the layer's colour in an overlaid file: between planned and worked ground.
-LAID_SHARE = 0.62
+OVERLAY_COLOUR_SHARE = 0.62
 # Characters of the levels on terminals with few colours, from low to high.
-LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR, LEVELS_LAID = "░▒▓█", "1234", "Ll.hH", "abcd"
+WORKED_LEVEL_SIGNS, PLAN_LEVEL_SIGNS, ERROR_LEVEL_SIGNS, OVERLAY_LEVEL_SIGNS = (
+    "░▒▓█",
+    "1234",
+    "Ll.hH",
+    "abcd",
+)
 
 
 class MapView(NamedTuple):
@@ -93,7 +98,7 @@ class MapView(NamedTuple):
     plan: bool = True
     cross: tuple[float, float] | None = None
     stale: bool = False
-    laid: LaidView | None = None
+    laid: OverlayView | None = None
     # Guidance line and boundary in progress.
     lines: tuple[tuple[tuple[float, float], ...], ...] = ()
 
@@ -133,8 +138,8 @@ def make_cell_codes(view: MapView, pixels: PixelGrid) -> Codes:
         at = np.nonzero(dots)
         found[at] = (
             _LINE_CODE
-            + (kind << 2 * PAIR_BITS)
-            + (dots[at].astype(np.int32) << PAIR_BITS)
+            + (kind << 2 * ENTRY_BITS)
+            + (dots[at].astype(np.int32) << ENTRY_BITS)
             + behind[at]
         )
     # The machine comes last, so that nothing hides it.
@@ -152,7 +157,7 @@ def _list_way_ahead(view: MapView) -> tuple[Ring, ...]:
     """Return the short line ahead of the machine that shows its heading."""
     if view.place is None or view.heading_deg is None:
         return ()
-    far_m, angle = _AHEAD_PIXELS * view.camera.metres, radians(view.heading_deg)
+    far_m, angle = _WAY_AHEAD_PIXELS * view.camera.metres, radians(view.heading_deg)
     return ((view.place, (view.place[0] + far_m * sin(angle), view.place[1] + far_m * cos(angle))),)
 
 
@@ -187,7 +192,7 @@ class MapInk:
         scale: LayerScale,
         laid: LayerScale | None = None,
         stale: bool = False,
-        planned_share: float = PLANNED_SHARE,
+        planned_share: float = PLAN_COLOUR_SHARE,
     ) -> None:
         named = on.app.theme_variables
         self.ground = find_rgb(on.rich_style.bgcolor, (0, 0, 0))
@@ -195,9 +200,13 @@ class MapInk:
             find_rgb(Color.parse(named[name]), (128, 128, 128))
             for name in ("track", "muted", "foreground", "stale", "background")
         )
-        self._few, self._layers = (
+        self._has_few_colours, self._layers = (
             has_few_colours(on.app),
-            {DONE_ENTRY: scale.layer, PLAN_ENTRY: scale.layer, LAID_ENTRY: (laid or scale).layer},
+            {
+                DONE_ENTRY: scale.layer,
+                PLAN_ENTRY: scale.layer,
+                OVERLAY_ENTRY: (laid or scale).layer,
+            },
         )
         steps, of_laid = (
             [one.find_colour(step / (COLOUR_STEPS - 1)) for step in range(COLOUR_STEPS)]
@@ -209,22 +218,26 @@ class MapInk:
             passage,
             *steps,
             *(mix_colours(step, self.ground, planned_share) for step in steps),
-            *(mix_colours(step, self.ground, LAID_SHARE) for step in of_laid),
-            *(mix_colours(step, machine, _GLOW_SHARE) for step in steps),
+            *(mix_colours(step, self.ground, OVERLAY_COLOUR_SHARE) for step in of_laid),
+            *(mix_colours(step, machine, _TRAIL_COLOUR_SHARE) for step in steps),
         )
-        self._line_colours = (outline, machine, mix_colours(outline, self.ground, _NEXT_PASS_SHARE))
+        self._line_colours = (
+            outline,
+            machine,
+            mix_colours(outline, self.ground, _NEXT_PASS_COLOUR_SHARE),
+        )
         self._mark, self._machine = (bare, machine), (bare, old if stale else machine)
 
     def draw_cell(self, code: int) -> MapCell:
         """Return the cell of a code of `make_cell_codes`."""
-        first, second = code >> PAIR_BITS & _ENTRY_MASK, code & _ENTRY_MASK
-        kind = code >> 2 * PAIR_BITS & 0xF
+        first, second = code >> ENTRY_BITS & _ENTRY_MASK, code & _ENTRY_MASK
+        kind = code >> 2 * ENTRY_BITS & 0xF
         if code >= _LINE_CODE:
             return (
                 MapCell(_LINE_SIGNS[kind])
-                if self._few
+                if self._has_few_colours
                 else MapCell(
-                    chr(BLANK_CODE | first),
+                    chr(BLANK_BRAILLE_CODE | first),
                     self._line_colours[kind],
                     self._find_entry_colour(second),
                 )
@@ -236,46 +249,48 @@ class MapInk:
                 else MapCell(_MACHINE_SIGNS[code - _MACHINE], *self._machine)
             )
         # A terminal with few colours shows one character per cell, so the emptier entry yields.
-        if self._few:
-            return MapCell(self._find_plain_sign(second if kind == 0 or second != EMPTY else first))
+        if self._has_few_colours:
+            return MapCell(
+                self._find_plain_sign(second if kind == 0 or second != EMPTY_ENTRY else first)
+            )
         if kind == 0:
             return (
                 MapCell(" ")
-                if second == EMPTY
+                if second == EMPTY_ENTRY
                 else MapCell("█", self._palette[second], self._palette[second])
             )
         return MapCell(_QUADRANTS[kind], self._palette[first], self._find_entry_colour(second))
 
     def _find_entry_colour(self, entry: int) -> Rgb | None:
         """Return the colour of an entry; empty ground has the background's."""
-        return None if entry == EMPTY else self._palette[entry]
+        return None if entry == EMPTY_ENTRY else self._palette[entry]
 
     def _find_plain_sign(self, entry: int) -> str:
         """Return a character for a palette entry on a terminal with few colours."""
-        if entry in (EMPTY, PASSAGE):
-            return {EMPTY: " ", PASSAGE: ":"}[entry]
+        if entry in (EMPTY_ENTRY, PASSAGE_ENTRY):
+            return {EMPTY_ENTRY: " ", PASSAGE_ENTRY: ":"}[entry]
         # The trail has the characters of worked ground.
-        entry -= GLOW_ENTRY - DONE_ENTRY if entry >= GLOW_ENTRY else 0
+        entry -= TRAIL_ENTRY - DONE_ENTRY if entry >= TRAIL_ENTRY else 0
         first, levels = next(
             (first, levels)
             for first, levels in (
-                (LAID_ENTRY, LEVELS_LAID),
-                (PLAN_ENTRY, LEVELS_PLAN),
-                (DONE_ENTRY, LEVELS_DONE),
+                (OVERLAY_ENTRY, OVERLAY_LEVEL_SIGNS),
+                (PLAN_ENTRY, PLAN_LEVEL_SIGNS),
+                (DONE_ENTRY, WORKED_LEVEL_SIGNS),
             )
             if entry >= first
         )
-        levels = LEVELS_ERROR if self._layers[first] is MapLayer.ERROR else levels
+        levels = ERROR_LEVEL_SIGNS if self._layers[first] is MapLayer.ERROR else levels
         return levels[(entry - first) * len(levels) // COLOUR_STEPS]
 
 
 # Ground of maps without a machine.
-_NO_GROUND = WorkedGround()
+_EMPTY_GROUND = WorkedGround()
 
 
 def find_planned_scale(picture: FieldPicture | None, units: Units) -> LayerScale:
     """Return the colour scale of a plan before anything is spread."""
-    return find_colour_scale(MapLayer.APPLIED, _NO_GROUND, picture, units)
+    return find_colour_scale(MapLayer.APPLIED, _EMPTY_GROUND, picture, units)
 
 
 def draw_small_map(
@@ -307,7 +322,7 @@ def draw_small_map(
             "#{:02x}{:02x}{:02x}".format(*rgb) for rgb in cell[1:] if rgb is not None
         )
 
-    view = MapView(_NO_GROUND, 0, picture, scale, camera, None, None)
+    view = MapView(_EMPTY_GROUND, 0, picture, scale, camera, None, None)
     return [
         [format_cell(ink.draw_cell(code)) for code in row]
         for row in make_cell_codes(view, pixels).tolist()

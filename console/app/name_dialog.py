@@ -32,9 +32,9 @@ class NameDialog(Dialog[str | None]):
         self, title: str, begin: str, text: str = "", wrong: Callable[[str], str] = lambda text: ""
     ) -> None:
         super().__init__(title, text)
-        self.begin, self.wrong = begin, wrong
+        self.initial_text, self.find_fault = begin, wrong
         # True once the text field has received the focus.
-        self._up = False
+        self._field_is_focused = False
 
     def take_early_key(self, event: events.Key) -> bool:
         """Take a character that is typed before the field has the focus as part of the name.
@@ -44,14 +44,22 @@ class NameDialog(Dialog[str | None]):
         bool
             False for keys that are no text, such as F12 and Ctrl+Space.
         """
-        if self._up or event.key == "escape" or not (event.is_printable or event.key == "enter"):
+        if (
+            self._field_is_focused
+            or event.key == "escape"
+            or not (event.is_printable or event.key == "enter")
+        ):
             return False
-        self.begin += event.character if event.is_printable and event.character else ""
+        self.initial_text += event.character if event.is_printable and event.character else ""
         return True
 
     def compose_body(self) -> ComposeResult:
         yield Input(
-            self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False
+            self.initial_text,
+            id="name-input",
+            classes="name-input",
+            compact=True,
+            select_on_focus=False,
         )
         yield Static("", id="name-wrong", classes="dialog-value", markup=False)
         yield Static(
@@ -64,7 +72,11 @@ class NameDialog(Dialog[str | None]):
         self.query_one("#name-wrong", Static).display = False
         field = self.query_one("#name-input", Input)
         # The value is set here again, because early keys have extended it since `compose_body`.
-        field.value, field.cursor_position, self._up = self.begin, len(self.begin), True
+        field.value, field.cursor_position, self._field_is_focused = (
+            self.initial_text,
+            len(self.initial_text),
+            True,
+        )
         self.set_focus(field)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
@@ -75,7 +87,7 @@ class NameDialog(Dialog[str | None]):
     def action_yes(self) -> None:
         """Answer with the text if it has no fault."""
         typed = self.query_one("#name-input", Input).value.strip()
-        wrong = self.wrong(typed)
+        wrong = self.find_fault(typed)
         if typed and not wrong:
             self.dismiss(typed)
             return

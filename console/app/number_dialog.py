@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Static
 from topdress.console.app.dialogs import Confirm, Dialog
 from topdress.console.app.typed_number import (
-    MOST_CHARACTERS,
+    MAX_NUMBER_CHARACTERS,
     TypedReading,
     format_number,
     read_in_range,
@@ -50,7 +50,7 @@ class NumberDialog(Dialog[float | None]):
     """
 
     # Layout of a telephone would have 1 at the top; this is the layout of a numeric keypad.
-    PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
+    PAD_KEYS = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
     def __init__(
         self,
@@ -66,10 +66,10 @@ class NumberDialog(Dialog[float | None]):
         full: tuple[str, str, float] | None = None,
     ) -> None:
         super().__init__(title, text)
-        self.unit, self.low, self.high, self.to_si, self.doubt = unit, low, high, to_si, doubt
+        self.unit, self.low, self.high, self.to_si, self.find_doubt = unit, low, high, to_si, doubt
         self.full = full
         self.typed = typed
-        self._fresh = bool(typed)
+        self._is_replaceable = bool(typed)
 
     @property
     def reading(self) -> TypedReading:
@@ -80,9 +80,9 @@ class NumberDialog(Dialog[float | None]):
         yield Static(self._format_typed(), classes="dialog-value", id="number-value", markup=False)
         yield Static("", classes="dialog-value", id="number-wrong", markup=False)
         with Vertical(classes="pad"):
-            for row in range(0, len(self.PAD), 3):
+            for row in range(0, len(self.PAD_KEYS), 3):
                 with Horizontal(classes="pad-row"):
-                    for key in self.PAD[row : row + 3]:
+                    for key in self.PAD_KEYS[row : row + 3]:
                         yield Button(key, name=key, classes="pad-key")
 
     def compose_buttons(self) -> ComposeResult:
@@ -91,11 +91,11 @@ class NumberDialog(Dialog[float | None]):
             yield Button(f"{key}  {word}", id="full", classes="dialog-button")
         yield from super().compose_buttons()
 
-    def _fill_full(self) -> None:
+    def _enter_full_value(self) -> None:
         """Enter the full number as if it were typed; range and objection apply to it as to any
         other number."""
         if self.full is not None:
-            self.typed, self._fresh = format_number(self.full[2]), True
+            self.typed, self._is_replaceable = format_number(self.full[2]), True
             self._show_typed(asked=False)
 
     def on_mount(self) -> None:
@@ -122,11 +122,11 @@ class NumberDialog(Dialog[float | None]):
         elif key == "back":
             self.typed = self.typed[:-1]
         else:
-            before = "" if self._fresh else self.typed
+            before = "" if self._is_replaceable else self.typed
             # One character more than any number has is kept, so that a text that is too long is
             # refused instead of cut.
-            self.typed = (before + key)[: MOST_CHARACTERS + 1]
-        self._fresh = False
+            self.typed = (before + key)[: MAX_NUMBER_CHARACTERS + 1]
+        self._is_replaceable = False
         self._show_typed(asked=False)
 
     def _show_typed(self, asked: bool) -> None:
@@ -162,13 +162,13 @@ class NumberDialog(Dialog[float | None]):
         if (
             self.full is not None
             and key.upper() == self.full[0]
-            and (not self.typed or self._fresh)
+            and (not self.typed or self._is_replaceable)
         ):
             event.stop()
-            self._fill_full()
+            self._enter_full_value()
             return
         if (
-            (not self.typed or self._fresh)
+            (not self.typed or self._is_replaceable)
             and key.isalpha()
             and event.key.lower() == getattr(self.app, "asked_by", "")
         ):
@@ -192,8 +192,8 @@ class NumberDialog(Dialog[float | None]):
         """Type the key of the pad."""
         if event.button.id == "full":
             event.stop()
-            self._fill_full()
-        if event.button.name in self.PAD:
+            self._enter_full_value()
+        if event.button.name in self.PAD_KEYS:
             event.stop()
             self.type_key(event.button.name)
 
@@ -204,7 +204,7 @@ class NumberDialog(Dialog[float | None]):
             self._show_typed(asked=True)
             return
         taken = self.to_si(value)
-        why = self.doubt(taken)
+        why = self.find_doubt(taken)
         if not why:
             self.dismiss(taken)
             return

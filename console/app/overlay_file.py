@@ -13,7 +13,7 @@ from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.scale import round_calm_ends
 
 # The harvest's scale ends at a round tenth of its range.
-_SCALE_PARTS = 10
+_HARVEST_SCALE_PARTS = 10
 
 
 class HarvestColumn(NamedTuple):
@@ -25,7 +25,7 @@ class HarvestColumn(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class LaidFile:
+class OverlayFile:
     """Holds an overlaid file.
 
     Attributes
@@ -53,7 +53,7 @@ class LaidFile:
         if self.harvest is not None:
             low, high = self.worked.ndvi_ends or (0.0, 1.0)
             # The lower limit of 1e-3 keeps the logarithm finite for a constant harvest.
-            step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _SCALE_PARTS))
+            step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _HARVEST_SCALE_PARTS))
             low, high = round_calm_ends((low, high), step, 2 * step)
             return LayerScale(
                 MapLayer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit
@@ -61,7 +61,7 @@ class LaidFile:
         return shown if shown.layer in self.has else None
 
 
-class LaidView(NamedTuple):
+class OverlayView(NamedTuple):
     """Holds an overlaid file with the scale by which the map draws it."""
 
     worked: WorkedGround

@@ -10,7 +10,7 @@ from textual.filter import LineFilter
 from topdress.drivers.plain_text import remove_control_characters
 
 
-class PlainLines(LineFilter):
+class ControlCharacterFilter(LineFilter):
     """Filters every line that is drawn. The removed characters have no width, so no line becomes
     shorter."""
 

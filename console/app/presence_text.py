@@ -16,7 +16,7 @@ from topdress.console.locale import _
 from topdress.control.orders import State
 
 
-class CompanyView(NamedTuple):
+class PresenceView(NamedTuple):
     """Holds the row about other consoles. `order` is the latest order, by another console, or by
     this console while others are attached; `others` names them."""
 
@@ -29,7 +29,7 @@ def list_others(frame: Frame, own: str) -> tuple[Attached, ...]:
     return tuple(one for one in frame.attached if one.name != own)
 
 
-def make_company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyView | None:
+def make_presence_view(frame: Frame | None, own: str, utc_offset_s: float) -> PresenceView | None:
     """Return the row below the alarms; None while this console is alone and gave the latest order
     itself.
 
@@ -48,8 +48,8 @@ def make_company_view(frame: Frame | None, own: str, utc_offset_s: float) -> Com
     latest = frame.ordered[-1] if frame.ordered else None
     if not rest and (latest is None or latest.name == own):
         return None
-    return CompanyView(
-        "" if latest is None else describe_ordered(latest, frame, own, utc_offset_s),
+    return PresenceView(
+        "" if latest is None else describe_given_order(latest, frame, own, utc_offset_s),
         _("at this machine: {names}").format(
             names=", ".join([_("this one"), *map(format_short_name, rest)])
         ),
@@ -73,7 +73,7 @@ def describe_kind(one: Attached) -> str:
     return _("{kind}, silent: does not keep the machine working").format(kind=kind)
 
 
-def describe_ordered(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
+def describe_given_order(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
     """Return an order with its console and time of day."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
@@ -87,7 +87,7 @@ def describe_ordered(one: Ordered, frame: Frame, own: str, utc_offset_s: float) 
     )
 
 
-def describe_news(before: Frame, now: Frame, own: str) -> str:
+def describe_presence_changes(before: Frame, now: Frame, own: str) -> str:
     """Return what other consoles did between two frames, in one line; "" for nothing."""
     was, here = ({one.name: one for one in list_others(frame, own)} for frame in (before, now))
     lines = [
@@ -158,7 +158,9 @@ def describe_everyone(frame: Frame, own: str, utc_offset_s: float) -> str:
         f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {describe_kind(one)}"
         for one in frame.attached
     ]
-    orders = [describe_ordered(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)]
+    orders = [
+        describe_given_order(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)
+    ]
     return "\n".join([*lines, "", _("Latest orders:") if orders else _("No orders yet."), *orders])
 
 
@@ -177,7 +179,7 @@ def describe_arrival(frame: Frame, own: str, utc_offset_s: float) -> Sequence[st
     if frame.ordered:
         found.append(
             _("Latest order: {order}.").format(
-                order=describe_ordered(frame.ordered[-1], frame, own, utc_offset_s)
+                order=describe_given_order(frame.ordered[-1], frame, own, utc_offset_s)
             )
         )
     return found

@@ -5,7 +5,7 @@ injected clock.
 from __future__ import annotations
 
 # Default periods, s: drawing a map costs most, and its contents change least.
-NUMBERS_S, PLOTS_S, MAPS_S = 0.2, 0.5, 1.0
+NUMBERS_PERIOD_S, PLOTS_PERIOD_S, MAPS_PERIOD_S = 0.2, 0.5, 1.0
 
 
 class RefreshTimer:
@@ -25,6 +25,6 @@ class RefreshTimer:
         self.last_s = now_s
         return True
 
-    def hurry_up(self) -> None:
+    def make_due(self) -> None:
         """Make the next refresh due."""
         self.last_s = None

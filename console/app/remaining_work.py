@@ -12,7 +12,7 @@ from topdress.console.app.view import format_duration
 from topdress.console.frame import Frame
 
 # Before this working time, s, the pace of the work is unknown.
-LEAST_WORKED_S = 30.0
+MIN_WORKED_TIME_S = 30.0
 
 
 class RemainingWork(NamedTuple):
@@ -54,7 +54,7 @@ def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> Rem
     way_m = None if left_ha is None else left_ha * M2_PER_HA / picture.width_m
     worked_s = frame.totals.worked_s if frame.totals is not None else 0.0
     time_s = None
-    if left_ha is not None and worked and worked_s >= LEAST_WORKED_S:
+    if left_ha is not None and worked and worked_s >= MIN_WORKED_TIME_S:
         # Time on hold belongs to the pace: refills and turns will occur again.
         held_s = frame.tally.held_s if frame.tally is not None else 0.0
         time_s = left_ha * (worked_s + held_s) / frame.area_ha

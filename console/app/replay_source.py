@@ -10,7 +10,7 @@ from topdress.console.frame import Frame
 from topdress.control.orders import Answer, Order
 
 # Limits of the speed, as a multiple of real time.
-SLOWEST, FASTEST = 0.1, 1000.0
+MIN_PLAY_SPEED, MAX_PLAY_SPEED = 0.1, 1000.0
 PLAY_SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
@@ -88,14 +88,14 @@ class ReplaySource:
         """Return the index of the first frame at or after a time of the log."""
         return min(bisect_right(self._times, time_s - 1e-9), len(self.frames) - 1)
 
-    def play_on(self) -> None:
+    def start_playing(self) -> None:
         """Start playing; from the start of the log if its end was reached."""
         if self.is_at_end:
             self._log_s = self.start_s
         self._since_s = self._clock()
         self.playing = True
 
-    def pause_here(self) -> None:
+    def pause_playing(self) -> None:
         """Stop playing at the present position."""
         self._log_s = self.at_s
         self.playing = False
@@ -103,9 +103,9 @@ class ReplaySource:
     def toggle_playing(self) -> None:
         """Play or pause."""
         if self.playing and not self.is_at_end:
-            self.pause_here()
+            self.pause_playing()
         else:
-            self.play_on()
+            self.start_playing()
 
     def seek_time(self, time_s: float) -> None:
         """Seek a time of the log, limited to the log."""
@@ -123,7 +123,7 @@ class ReplaySource:
         # The position must be fixed before the speed changes, because it is the elapsed time times
         # the speed.
         self.seek_time(self.at_s)
-        self.speed = max(SLOWEST, min(FASTEST, speed))
+        self.speed = max(MIN_PLAY_SPEED, min(MAX_PLAY_SPEED, speed))
 
     def change_speed(self, steps: int) -> None:
         """Move up or down the list of speeds."""

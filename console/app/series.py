@@ -15,9 +15,9 @@ from topdress.console.frame import Frame
 Floats = npt.NDArray[np.float64]
 
 # Widths of a bucket, s, from level to level; each level reaches about four times as far back.
-WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)
+BUCKET_WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)
 # Buckets that each level keeps: 7 min, 34 min, 2.3 h, 9 h, 36 h.
-KEPT_BUCKETS = 2_048
+BUCKETS_PER_LEVEL = 2_048
 
 
 class TrendStretch(NamedTuple):
@@ -40,7 +40,7 @@ class TrendStretch(NamedTuple):
     counts: Floats
 
 
-class SpanSums(NamedTuple):
+class StretchSummary(NamedTuple):
     """Holds lowest, mean and highest value of a span; NaN where nothing was known."""
 
     low: float
@@ -63,14 +63,14 @@ class TrendSeries(Protocol):
         stored."""
 
 
-def summarise_stretch(stretch: TrendStretch) -> SpanSums:
+def summarise_stretch(stretch: TrendStretch) -> StretchSummary:
     """Return lowest, mean and highest value of a stretch. The mean weights all rows equally, not
     the buckets."""
     known = stretch.counts > 0
     if not known.any():
-        return SpanSums(np.nan, np.nan, np.nan)
+        return StretchSummary(np.nan, np.nan, np.nan)
     weight = stretch.counts[known]
-    return SpanSums(
+    return StretchSummary(
         float(stretch.low[known].min()),
         float((stretch.mean[known] * weight).sum() / weight.sum()),
         float(stretch.high[known].max()),
@@ -145,7 +145,9 @@ class SeriesPyramid:
     """Grows row by row as a `TrendSeries`. Each level has wider buckets and reaches further back;
     its memory is constant."""
 
-    def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT_BUCKETS) -> None:
+    def __init__(
+        self, widths_s: Sequence[float] = BUCKET_WIDTHS_S, kept: int = BUCKETS_PER_LEVEL
+    ) -> None:
         self.widths_s, self.kept = tuple(widths_s), kept
         self.clear_levels()
 

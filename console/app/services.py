@@ -41,7 +41,7 @@ class _LateService:
         return getattr(self.make_or_find(), name)
 
 
-def make_late(make: Callable[[], Service]) -> Service:
+def make_late_service(make: Callable[[], Service]) -> Service:
     """Return a service that is made with its imports on first use, because the first picture does
     not need it."""
     return cast(Service, _LateService(make))

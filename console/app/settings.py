@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from textual.theme import Theme
 from topdress.console.app import actions, themes
 from topdress.console.app.action import ANYWHERE
-from topdress.console.app.alarms import STROKES
-from topdress.console.app.key_normaliser import ALWAYS_STOP
+from topdress.console.app.alarms import STROKES_BY_SEVERITY
+from topdress.console.app.key_normaliser import STOP_KEY
 from topdress.console.app.units import UNITS
 from topdress.console.locale import _, find_preferred_language, use_language
 from topdress.control.orders import Severity
@@ -50,7 +50,7 @@ def find_keymap_fault(keymap: Mapping[str, str]) -> str:
         if action is None:
             return _("key keymap.{name}: no such action").format(name=name)
         for key in (key.strip() for key in keys.split(",")):
-            if key.rpartition("+")[2] == ALWAYS_STOP and name != "stop":
+            if key.rpartition("+")[2] == STOP_KEY and name != "stop":
                 return _("key keymap.{name}: value {key}: F12 is STOP on every screen").format(
                     name=name, key=key
                 )
@@ -115,8 +115,8 @@ def apply_settings(app: TopdressApp, settings: Settings) -> str:
     app.use_keymap({} if trouble and find_keymap_fault(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {
-        STROKES[Severity.RED]: settings.sounds.alarm,
-        STROKES[Severity.AMBER]: settings.sounds.caution,
+        STROKES_BY_SEVERITY[Severity.RED]: settings.sounds.alarm,
+        STROKES_BY_SEVERITY[Severity.AMBER]: settings.sounds.caution,
     }
     set_rate_limits(app, settings.manual_rate)
     presets = settings.presets

@@ -43,11 +43,11 @@ VIEW_ONLY_ACTIONS = frozenset(
     {"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"}
 )
 # Wait after a wrong key, s; it doubles with each wrong key up to the limit.
-WAIT_S, MOST_WAIT_S = 1.0, 10.0
+WRONG_KEY_WAIT_S, MAX_KEY_WAIT_S = 1.0, 10.0
 # Margin after a wait, s, for clocks that differ slightly.
-RETRY_S = 0.2
+KEY_RETRY_MARGIN_S = 0.2
 
-NONE_RUNS = N_("The console on the machine is not running: start it there, then join here.")
+NO_MACHINE_TEXT = N_("The console on the machine is not running: start it there, then join here.")
 
 # True opens the link with the worker's token.
 LinkMaker = Callable[[bool], Awaitable[FrameSource]]
@@ -115,14 +115,14 @@ class TabletKey:
             if waits is None:
                 self._judged_s = self._clock()
                 return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
-            return self._judge_key(typed, self._text, waits)
+            return self._check_key(typed, self._text, waits)
 
-    def _judge_key(self, typed: str, text: str, waits: KeyWaits) -> str:
+    def _check_key(self, typed: str, text: str, waits: KeyWaits) -> str:
         """Check a key under the lock."""
         now_s = self._clock()
         wait_s, until_s = waits.read_wait()
         # A longer wait was stored by a clock that has been changed since.
-        if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:
+        if self._judged_s is None and until_s - now_s <= MAX_KEY_WAIT_S:
             self._judged_s = until_s
         if self._judged_s is not None and self._judged_s > now_s:
             return _("The last key was wrong: wait {seconds} s.").format(
@@ -133,7 +133,7 @@ class TabletKey:
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write_wait(0.0, now_s)
             return ""
-        wait_s = min(MOST_WAIT_S, 2.0 * wait_s or WAIT_S)
+        wait_s = min(MAX_KEY_WAIT_S, 2.0 * wait_s or WRONG_KEY_WAIT_S)
         waits.write_wait(wait_s, now_s + wait_s)
         return _("This is not the tablet's key.")
 
@@ -157,7 +157,9 @@ class KeyDialog(NameDialog):
         self.on_input_changed()
         super().action_yes()
         if self.is_attached and self._key.wait_left_s is not None:
-            self._again = self.set_timer(self._key.wait_left_s + RETRY_S, self.action_yes)
+            self._again = self.set_timer(
+                self._key.wait_left_s + KEY_RETRY_MARGIN_S, self.action_yes
+            )
 
     def compose_body(self) -> ComposeResult:
         yield Input("", password=True, id="name-input", classes="name-input", compact=True)
@@ -181,7 +183,7 @@ class TabletApp(TopdressApp):
     def __init__(
         self, source: FrameSource | None, link_to: LinkMaker, key: TabletKey, **options: Any
     ) -> None:
-        self.looking = True
+        self.is_view_only = True
         self.key = key
         self._link_to = link_to
         super().__init__(source, attach=self._attach_tab, **options)
@@ -189,22 +191,22 @@ class TabletApp(TopdressApp):
 
     async def _attach_tab(self) -> FrameSource:
         """Attach to the running worker, with the token once the tab may operate."""
-        return await self._link_to(not self.looking)
+        return await self._link_to(not self.is_view_only)
 
     def on_mount(self) -> None:
         """Report that no machine runs. Textual also calls the base class's `on_mount`."""
         if self.source is None:
-            self.call_after_refresh(self._note_gone, _(NONE_RUNS))
+            self.call_after_refresh(self._note_worker_lost, _(NO_MACHINE_TEXT))
 
     def list_status_marks(self) -> tuple[str, ...]:
-        return (_("VIEW ONLY"),) if self.looking else (_("TABLET"),)
+        return (_("VIEW ONLY"),) if self.is_view_only else (_("TABLET"),)
 
     async def action_do(self, name: str) -> None:
         """Perform an action if this tab is permitted to."""
-        if self.looking and name in URGENT_ACTIONS:
+        if self.is_view_only and name in URGENT_ACTIONS:
             # A question would cover the screen while the machine runs.
             self.show_notice(self.explain_no_stop())
-        elif self.looking and not self.is_allowed(actions.BY_ID[name]):
+        elif self.is_view_only and not self.is_allowed(actions.BY_ID[name]):
             self.refuse_action()
         else:
             await super().action_do(name)
@@ -214,11 +216,15 @@ class TabletApp(TopdressApp):
         STOP."""
         shown = super().list_offered_actions(where)
         return (
-            tuple(action for action in shown if self.is_allowed(action)) if self.looking else shown
+            tuple(action for action in shown if self.is_allowed(action))
+            if self.is_view_only
+            else shown
         )
 
     def explain_no_stop(self) -> str:
-        return _("hold and STOP: at the machine") if self.looking else super().explain_no_stop()
+        return (
+            _("hold and STOP: at the machine") if self.is_view_only else super().explain_no_stop()
+        )
 
     def is_allowed(self, action: Action) -> bool:
         """Return whether a view-only tab may perform this action."""
@@ -230,7 +236,7 @@ class TabletApp(TopdressApp):
         return action.where in VIEW_ONLY_PAGES or action.id == "connect"
 
     def turn_to_page(self, where: str) -> None:
-        if self.looking and where in WRITING_PAGES:
+        if self.is_view_only and where in WRITING_PAGES:
             self.refuse_action()
         else:
             super().turn_to_page(where)
@@ -244,7 +250,7 @@ class TabletApp(TopdressApp):
 
     def action_tab_key(self) -> None:
         """Ask for the key, which lets a view-only tab operate the machine."""
-        if not self.looking:
+        if not self.is_view_only:
             self.show_notice(_("this tab operates the machine"))
         elif not self.key.is_set:
             self.refuse_action()
@@ -265,7 +271,7 @@ class TabletApp(TopdressApp):
     def _begin_operating(self, typed: str | None) -> None:
         """Operate the machine; the dialog closes with a right key only."""
         if typed is not None:
-            self.looking = False
+            self.is_view_only = False
             self.page.refresh_all_next_tick()
             self.connect_source(self._attach_tab)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from textual.app import App
 
 # A terminal that accepts nothing for this time, s, has stopped; drawing never takes so long.
-STALLED_S = 0.5
+MAX_STALL_S = 0.5
 
 
 def has_few_colours(app: App[object]) -> bool:
@@ -47,7 +47,7 @@ class TerminalPulse:
         # A select with zero timeout never blocks.
         if self._handle is None or select.select([], [self._handle], [], 0.0)[1]:
             self._taken_s = now_s
-        return now_s - self._taken_s <= STALLED_S
+        return now_s - self._taken_s <= MAX_STALL_S
 
 
 def find_terminal() -> int | None:

@@ -13,7 +13,7 @@ from typing import Any
 
 # Time for a console without terminal to end by itself, s. The console may be in a write that never
 # returns, or wait for a thread that starts a machine.
-GRACE_S = 1.0
+EXIT_GRACE_S = 1.0
 # Exit code for a cancelled program, as listed in `topdress --help`.
 EXIT_CANCELLED = 130
 # Handles that Textual reads (stdin) and draws on (stderr).
@@ -39,7 +39,7 @@ class TerminalWatch:
         self,
         leave: Callable[[], object],
         handles: tuple[int, ...] = TERMINAL_HANDLES,
-        grace_s: float = GRACE_S,
+        grace_s: float = EXIT_GRACE_S,
         end: Callable[[int], object] = os._exit,
     ) -> None:
         """Create the watch.

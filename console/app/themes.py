@@ -76,7 +76,7 @@ def _make_own_theme(
 
 
 # White and black are readable in sunlight.
-DAY = _make_own_theme(
+DAY_THEME = _make_own_theme(
     "day",
     dark=False,
     background="#ffffff",
@@ -104,7 +104,7 @@ DAY = _make_own_theme(
 )
 
 # Muted colours preserve the operator's night vision.
-NIGHT = _make_own_theme(
+NIGHT_THEME = _make_own_theme(
     "night",
     dark=True,
     background="#0b0d0f",
@@ -132,7 +132,7 @@ NIGHT = _make_own_theme(
 )
 
 # Pure colours suit displays of low contrast and operators with impaired sight.
-CONTRAST = _make_own_theme(
+CONTRAST_THEME = _make_own_theme(
     "contrast",
     dark=True,
     background="#000000",
@@ -159,7 +159,7 @@ CONTRAST = _make_own_theme(
     select=("#ffff00", "#000000"),
 )
 
-THEMES = (DAY, NIGHT, CONTRAST)
+THEMES = (DAY_THEME, NIGHT_THEME, CONTRAST_THEME)
 THEME_NAMES = tuple(theme.name for theme in THEMES)
 
 

@@ -12,9 +12,9 @@ from topdress.console.frame import Frame
 from topdress.console.locale import N_
 
 # From this rate, kg/ha, fertilizer counts as flowing.
-FLOWING_KG_HA = 1.0
+MIN_FLOWING_KG_HA = 1.0
 # Time to read a step that needs no action, s.
-READING_S = 8.0
+STEP_READING_TIME_S = 8.0
 
 
 class TourSeen(NamedTuple):
@@ -48,7 +48,8 @@ TOUR_STEPS = (
     TourStep(
         N_("Press S: the tractor drives on and fertilizer flows."),
         lambda seen: (
-            seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA
+            seen.state == "working"
+            and (seen.frame.row.applied_rate_kg_ha or 0.0) > MIN_FLOWING_KG_HA
         ),
     ),
     TourStep(
@@ -57,7 +58,7 @@ TOUR_STEPS = (
             "what is left in the "
             "hopper."
         ),
-        lambda seen: seen.lasted_s >= READING_S,
+        lambda seen: seen.lasted_s >= STEP_READING_TIME_S,
     ),
     TourStep(
         N_("Press T and choose another strategy: shaft and opening change, the rate does not."),

@@ -9,7 +9,7 @@ Hold and STOP always work.
 from __future__ import annotations
 
 # A longer pause, s, means that the operator has looked at the screen.
-TYPING_PAUSE_S = 2.0
+MAX_TYPING_PAUSE_S = 2.0
 # Keys that belong to a number.
 _NUMBER_KEYS = frozenset(
     {
@@ -27,7 +27,7 @@ _NUMBER_KEYS = frozenset(
 
 
 # A question that was visible for less than this, s, was not read.
-UNREAD_S = 0.7
+MIN_READING_TIME_S = 0.7
 
 
 class HeldEnter:
@@ -41,7 +41,7 @@ class HeldEnter:
     def is_repeat(self, screen: object, now_s: float) -> bool:
         """Return whether this Enter still belongs to the former screen; `screen` would receive
         it."""
-        soon, self._last_s = now_s - self._last_s < UNREAD_S, now_s
+        soon, self._last_s = now_s - self._last_s < MIN_READING_TIME_S, now_s
         if soon and screen is not self._screen and self._screen is not None:
             return True
         self._screen = screen
@@ -58,7 +58,7 @@ class TypeAheadGuard:
     def note_refusal(self, kind: str, now_s: float) -> None:
         """Record a refused question; `kind` is the expected input: "number", "text", or "" for
         none."""
-        self._kind, self._until_s = kind, now_s + TYPING_PAUSE_S
+        self._kind, self._until_s = kind, now_s + MAX_TYPING_PAUSE_S
 
     def is_swallowed(self, key: str, now_s: float) -> bool:
         """Return whether a key is swallowed. Any other key ends the guard, because then the
@@ -71,6 +71,6 @@ class TypeAheadGuard:
             or (self._kind == "text" and (len(key) == 1 or key == "underscore"))
         )
         self._kind, self._until_s = (
-            (self._kind, now_s + TYPING_PAUSE_S) if typed else ("", self._until_s)
+            (self._kind, now_s + MAX_TYPING_PAUSE_S) if typed else ("", self._until_s)
         )
         return typed

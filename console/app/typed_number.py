@@ -14,7 +14,7 @@ from topdress.console.app.units import Unit
 from topdress.console.locale import _
 
 # No number of this console is longer. A longer text is refused, not cut.
-MOST_CHARACTERS = 24
+MAX_NUMBER_CHARACTERS = 24
 # Full-width comma and point; the Chinese full stop, wide and narrow, which the key of the point
 # yields under a Chinese input method; the Arabic decimal sign. Then minus sign, en dash, figure
 # dash, full-width hyphen and small hyphen.
@@ -55,9 +55,10 @@ def read_number(text: str) -> TypedReading:
     plain = _normalise_signs(text)
     if not plain:
         return TypedReading(None, _("Type a number."), half=True)
-    if len(plain) > MOST_CHARACTERS:
+    if len(plain) > MAX_NUMBER_CHARACTERS:
         return TypedReading(
-            None, _("{typed}... is too long for a number.").format(typed=plain[:MOST_CHARACTERS])
+            None,
+            _("{typed}... is too long for a number.").format(typed=plain[:MAX_NUMBER_CHARACTERS]),
         )
     digits = plain.removeprefix("-")
     wrong = next((one for one in digits if not (one.isdecimal() or one in ".,")), "")

@@ -17,7 +17,7 @@ from topdress.control.agronomy.strips import StripValue, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
 # Changes that stay undoable; an operator remembers few.
-MOST_CHANGES = 20
+MAX_CHANGES = 20
 # Orders that change nothing reversible, each with the reason. A test requires every order in one of
 # the two tables.
 WHY_NOT_UNDOABLE = MappingProxyType(
@@ -38,7 +38,7 @@ WHY_NOT_UNDOABLE = MappingProxyType(
 )
 
 
-class Undoable(NamedTuple):
+class UndoableChange(NamedTuple):
     """Holds a change. `what` words the state after undoing ("strategy opening first"), `back`
     undoes the change, `orders` are the reversing orders."""
 
@@ -51,18 +51,18 @@ class UndoStack:
     """Holds the changes, newest last. Changes of another run are removed with the run."""
 
     def __init__(self) -> None:
-        self._changes: list[Undoable] = []
+        self._changes: list[UndoableChange] = []
 
-    def add_change(self, change: Undoable) -> None:
+    def add_change(self, change: UndoableChange) -> None:
         """Add a change."""
-        self._changes = [*self._changes[1 - MOST_CHANGES :], change]
+        self._changes = [*self._changes[1 - MAX_CHANGES :], change]
 
     @property
-    def newest(self) -> Undoable | None:
+    def newest(self) -> UndoableChange | None:
         """Newest change, or None."""
         return self._changes[-1] if self._changes else None
 
-    def take_newest(self) -> Undoable | None:
+    def pop_newest(self) -> UndoableChange | None:
         """Remove the newest change and return it."""
         return self._changes.pop() if self._changes else None
 

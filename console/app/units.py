@@ -10,7 +10,7 @@ from typing import NamedTuple
 M2_PER_HA = 10_000.0
 # Distance from which the long unit is used, m: 10 km, or half a mile because nobody pictures 2640
 # ft.
-FAR_WAY_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}
+MIN_LONG_WAY_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}
 
 
 class Unit(NamedTuple):
@@ -68,7 +68,9 @@ class Units(NamedTuple):
         """Return the unit of a distance over ground: metres up to 10 km, feet up to half a mile,
         above that km or miles."""
         return (
-            self.far if metres is not None and abs(metres) >= FAR_WAY_M[self.id] else self.distance
+            self.far
+            if metres is not None and abs(metres) >= MIN_LONG_WAY_M[self.id]
+            else self.distance
         )
 
 

@@ -20,21 +20,21 @@ from topdress.control.safety import ALARMS
 from topdress.control.safety.limits import SafetyLimits
 
 # Older values, s, are displayed in grey.
-STALE_S = 1.0
+MAX_FRESH_AGE_S = 1.0
 # Rate errors are relative to the target, but at least to this rate: near zero any error would be
 # huge.
-RATE_FLOOR_KG_HA = 50.0
+MIN_ERROR_REFERENCE_KG_HA = 50.0
 # Rate errors beyond these shares are amber or red on the screen.
-ERROR_AMBER = 0.10
-ERROR_RED = 0.20
-LAG_NOTE = "lag_out_of_range"
+AMBER_ERROR_SHARE = 0.10
+RED_ERROR_SHARE = 0.20
+LAG_NOTE_ID = "lag_out_of_range"
 # Prefixes of notes about the ground ahead and the required flow. They are shown while working only,
 # because otherwise no flow is required.
-WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
+WORK_NOTE_PREFIXES = ("already_spread", "on_headland", "zero_", "limited_")
 # Share at the ends of the error bar.
-ERROR_SPAN = 0.30
+ERROR_BAR_SHARE = 0.30
 # A shaft below this speed, r/min, counts as standing; the same limit as in safety.
-STANDS_RPM = SafetyLimits().shaft_stands_rpm
+MAX_STANDING_RPM = SafetyLimits().shaft_stands_rpm
 
 
 class ShownText(NamedTuple):
@@ -163,7 +163,7 @@ def find_rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> 
     unknown. The alarm "rate off" uses the same formula with a delayed target."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
-    return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
+    return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, MIN_ERROR_REFERENCE_KG_HA)
 
 
 def find_applied_kg_ha(row: LogRow) -> float | None:
@@ -172,7 +172,7 @@ def find_applied_kg_ha(row: LogRow) -> float | None:
     The rate is 0 where the machine does not work and the shaft speed is within the noise of a
     standing shaft. A shaft without a reading may turn.
     """
-    stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < STANDS_RPM
+    stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < MAX_STANDING_RPM
     if row.applied_rate_kg_ha is not None and stands and row.state not in (None, "working"):
         return 0.0
     return row.applied_rate_kg_ha
@@ -229,7 +229,7 @@ def make_run_view(
     """
     if frame is None:
         return _make_empty_view(units, marks)
-    old = age_s > STALE_S
+    old = age_s > MAX_FRESH_AGE_S
     return RunView(
         _make_status_view(frame, age_s, utc_offset_s, marks),
         make_alarms_view(frame, utc_offset_s, units, old),
@@ -266,7 +266,7 @@ def _make_status_view(
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
         _(word) for name, word in words.ALLOWANCE_NAMES.items() if getattr(frame.allow, name)
     )
-    silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
+    silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > MAX_FRESH_AGE_S else ""
     word = words.name_state(row.state, frame.why_state)
     # A state that may be outdated must not look like the present state.
     word = _("was {state}").format(state=word) if silent else word
@@ -325,7 +325,7 @@ def make_alarms_view(
     return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
 
 
-def hide_lost_machine(view: RunView, key: str) -> RunView:
+def mask_lost_machine(view: RunView, key: str) -> RunView:
     """Replace the alarms of a view whose control worker is lost. The machine may still spread,
     stand or alarm; the last alarms stay in the list of alarms. `key` connects."""
     calm = _(
@@ -335,7 +335,7 @@ def hide_lost_machine(view: RunView, key: str) -> RunView:
     return view._replace(alarms=AlarmsView((), calm.format(key=key), urgent=True))
 
 
-def hide_no_machine(view: RunView, key: str) -> RunView:
+def mask_missing_machine(view: RunView, key: str) -> RunView:
     """Replace the alarms of a view without any machine, because waiting brings no values. `key`
     connects."""
     status = view.status._replace(silent=_("no machine is connected"))
@@ -361,8 +361,8 @@ def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
     at_work = row.state in (None, "working")
     error = find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
-    if error is not None and abs(error) > ERROR_AMBER:
-        level = "red" if abs(error) > ERROR_RED else "amber"
+    if error is not None and abs(error) > AMBER_ERROR_SHARE:
+        level = "red" if abs(error) > RED_ERROR_SHARE else "amber"
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
     return RatesView(
         ShownText(units.rate.format_value(row.target_rate_kg_ha), old),
@@ -370,7 +370,7 @@ def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
         units.rate.name,
         nudge,
         ShownText("--" if error is None else format_signed_percent(100 * error), old),
-        None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2),
+        None if error is None else round(max(-1.0, min(1.0, error / ERROR_BAR_SHARE)), 2),
         level,
         explain_rate(frame),
     )
@@ -383,7 +383,7 @@ def explain_rate(frame: Frame) -> tuple[str, ...]:
     notes = [
         note
         for note in frame.notes
-        if note != LAG_NOTE and (at_work or not note.startswith(WORK_NOTES))
+        if note != LAG_NOTE_ID and (at_work or not note.startswith(WORK_NOTE_PREFIXES))
     ]
     if at_work and frame.why_no_flow:
         notes = list(frame.why_no_flow)
@@ -405,7 +405,7 @@ def _list_tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
 def _make_tiles(frame: Frame, old: bool, units: Units) -> tuple[TileView, ...]:
     """Return the tiles of a frame."""
     row = frame.row
-    board_old = old or _is_device_old(frame, "board")
+    board_old = old or _is_device_stale(frame, "board")
     # The controller's own speed comes first, because it determines the rate.
     speed_mps = row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
     usable = frame.usable_speed_mps
@@ -457,7 +457,7 @@ def _format_set_value(value: str) -> str:
 def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
     """Return the canopy heads of a frame, by NDRE if any head reports it."""
     row = frame.row
-    old = old or _is_device_old(frame, "heads")
+    old = old or _is_device_stale(frame, "heads")
     by_red_edge = any(getattr(row, name) is not None for name in (*NDRE_COLUMNS, "ndre"))
     readings = [getattr(row, name) for name in (NDRE_COLUMNS if by_red_edge else HEAD_COLUMNS)]
     fused = row.ndre if by_red_edge else row.ndvi
@@ -482,15 +482,15 @@ def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
 def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...]:
     """Return the items next to the tiles: GNSS, look-ahead, trim, area, mass."""
     row = frame.row
-    old = age_s > STALE_S
+    old = age_s > MAX_FRESH_AGE_S
     # In a stale frame the age would stand still, so the frame's own age is added.
     gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
-    gnss_old = old or gnss_age_s is None or gnss_age_s > STALE_S
+    gnss_old = old or gnss_age_s is None or gnss_age_s > MAX_FRESH_AGE_S
     fix = words.name_fix(row.fix_quality)
     satellites = "--" if row.satellites is None else str(row.satellites)
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
-    unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
+    unsure = f"  ! {_('range')}" if LAG_NOTE_ID in frame.notes else ""
     lag = (
         f"{units.time.format_with_name(row.lag_s)}  "
         f"{units.fine_distance.format_with_name(row.lag_m)}{unsure}"
@@ -549,9 +549,9 @@ def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[ItemView, .
     )
 
 
-def _is_device_old(frame: Frame, name: str) -> bool:
+def _is_device_stale(frame: Frame, name: str) -> bool:
     """Return whether a device of the frame is silent."""
     return any(
-        device.name == name and (device.age_s is None or device.age_s > STALE_S)
+        device.name == name and (device.age_s is None or device.age_s > MAX_FRESH_AGE_S)
         for device in frame.devices
     )

@@ -68,7 +68,7 @@ def show_run(
         "topdress simulate runs the loop, topdress serve shows the console in a browser",
     )
     from topdress.console.app.app import TopdressApp
-    from topdress.console.app.services import make_late
+    from topdress.console.app.services import make_late_service
     from topdress.console.link import ComingLink, Link
     from topdress.console.services.line_files import KeptLineFiles
     from topdress.console.services.live_checker import LiveChecker
@@ -92,7 +92,7 @@ def show_run(
 
         return JobFiles(launcher)
 
-    job, lines = make_late(make_job_files), KeptLineFiles()
+    job, lines = make_late_service(make_job_files), KeptLineFiles()
     checked = model_check and is_extra_installed("diagnosis")
     source: Link | None = None
     if running is not None:
@@ -192,7 +192,7 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
     `effects` are those of the simulated machine.
     """
-    from topdress.console.app.services import Services, make_late
+    from topdress.console.app.services import Services, make_late_service
     from topdress.console.services.field import make_field_picture
     from topdress.console.services.running_limits import read_earlier_run
 
@@ -234,15 +234,15 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
         setup = files()[0]
         return RunningLimits(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
 
-    diagnosed = make_late(make_diagnosis)
+    diagnosed = make_late_service(make_diagnosis)
     return Services(
         diagnosis=diagnosed,
         earlier=read_earlier_run,
         at_work=find_running_limits,
         field=make_field_picture,
-        logs=make_late(make_log_files),
-        layers=make_late(make_map_layers),
-        calibrate=make_late(make_calibrate),
+        logs=make_late_service(make_log_files),
+        layers=make_late_service(make_map_layers),
+        calibrate=make_late_service(make_calibrate),
     )
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.app.services import Services
-from topdress.console.app.tablet import NONE_RUNS, TabletApp, TabletKey
+from topdress.console.app.tablet import NO_MACHINE_TEXT, TabletApp, TabletKey
 from topdress.console.link import Link
 from topdress.console.locale import _
 from topdress.console.running import (
@@ -58,7 +58,7 @@ async def make_tab_link(
     WorkerFailed."""
     where = await asyncio.to_thread(find)
     if where is None:
-        raise WorkerFailed(_(NONE_RUNS))
+        raise WorkerFailed(_(NO_MACHINE_TEXT))
     return TabLink(where if operating else where.drop_token())
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from topdress.console.locale.po import read_po
 
 # Code of the language of the source code.
-ENGLISH = "en"
+ENGLISH_CODE = "en"
 _FOLDER = Path(__file__).parent
 
 
@@ -40,7 +40,7 @@ class Catalogue(gettext.NullTranslations):
 def read_catalogue(language: str) -> Catalogue:
     """Return the catalogue of a language code such as "zh". Raises ValueError in one line for an
     unknown language."""
-    if language == ENGLISH:
+    if language == ENGLISH_CODE:
         return Catalogue({})
     if language not in list_languages():
         raise ValueError(
@@ -55,7 +55,7 @@ def read_catalogue(language: str) -> Catalogue:
 @cache
 def list_languages() -> tuple[str, ...]:
     """Return the codes of all available languages, English first."""
-    return (ENGLISH, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))
+    return (ENGLISH_CODE, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))
 
 
 def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
@@ -66,12 +66,12 @@ def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.
         code = environment.get(name, "").split(".")[0].split("_")[0].lower()
         if code in list_languages():
             return code
-    return ENGLISH
+    return ENGLISH_CODE
 
 
 # The language is global state, because every text of the process is shown to the same person.
-_in_use = read_catalogue(ENGLISH)
-_code = ENGLISH
+_in_use = read_catalogue(ENGLISH_CODE)
+_code = ENGLISH_CODE
 
 
 def use_language(language: str) -> None:

@@ -28,26 +28,26 @@ from topdress.console.attached import clean_name
 from topdress.console.serve.tab import TabConsole
 
 # Consoles at once; a console counts until its process has ended.
-MOST_TABS = 6
+MAX_TABS = 6
 # Period of the heartbeat, s: a tablet that vanished is noticed within 15 s. With 3 s, tabs of busy
 # computers were ended.
-HEARTBEAT_S = 10.0
+HEARTBEAT_PERIOD_S = 10.0
 # Limits and default of the font size, px.
-LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
+MIN_FONT_PX, DEFAULT_FONT_PX, MAX_FONT_PX = 8, 16, 40
 # Larger terminals would exhaust the memory of the process.
-MOST_COLUMNS, MOST_ROWS = 400, 200
+MAX_TAB_COLUMNS, MAX_TAB_ROWS = 400, 200
 # Largest message of a tab, bytes: a pasted text.
-MESSAGE_BYTES = 16_384
+MAX_MESSAGE_BYTES = 16_384
 # Messages per second of each tab, more than anybody types.
-MESSAGES_PER_S = 100.0
+MAX_MESSAGES_PER_S = 100.0
 # Longest text of a ping that is echoed.
-PING_CHARACTERS = 100
+MAX_PING_CHARACTERS = 100
 # Time in which a browser must confirm that its socket closes, s.
 CLOSE_TIMEOUT_S = 0.4
 # Connections that the system queues, which may be added to the limits in one turn.
-MOST_BACKLOG = 32
+MAX_BACKLOG = 32
 # Lines per minute in the log: a client that sends rubbish must not fill the disk.
-LOG_LINES_A_MINUTE = 20
+MAX_LOG_LINES_PER_MIN = 20
 # A name or address, with an optional port.
 HOST_PATTERN = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
 _PAGE_FILE = Path(__file__).with_name("page.html")
@@ -64,7 +64,7 @@ class ConnectionQuota(NamedTuple):
     looked_s: float = 1.0
 
 
-QUOTA = ConnectionQuota()
+DEFAULT_QUOTA = ConnectionQuota()
 
 
 class TabletServer(Server):
@@ -81,7 +81,7 @@ class TabletServer(Server):
     """
 
     def __init__(
-        self, command: Sequence[str], host: str, port: int, room: ConnectionQuota = QUOTA
+        self, command: Sequence[str], host: str, port: int, room: ConnectionQuota = DEFAULT_QUOTA
     ) -> None:
         super().__init__(" ".join(command), host=host, port=port, title="topdress")
         self._arguments, self._room = tuple(command), room
@@ -116,7 +116,7 @@ class TabletServer(Server):
                 loop.time,
                 self._room,
             )
-            listening = await loop.create_server(doors, self.host, self.port, backlog=MOST_BACKLOG)
+            listening = await loop.create_server(doors, self.host, self.port, backlog=MAX_BACKLOG)
             try:
                 while not asked.is_set():
                     doors.end_overdue()
@@ -158,7 +158,9 @@ class TabletServer(Server):
         name = quote(clean_name(request.query.get("name")), safe="")
         address = html.escape(f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
         page = self._page.replace("{{ socket }}", address)
-        size = parse_bounded_int(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
+        size = parse_bounded_int(
+            request.query.get("fontsize"), DEFAULT_FONT_PX, MIN_FONT_PX, MAX_FONT_PX
+        )
         return web.Response(
             text=page.replace("{{ font_size }}", str(size)),
             content_type="text/html",
@@ -174,10 +176,10 @@ class TabletServer(Server):
             origin and urlsplit(origin).netloc != request.host
         ):
             raise web.HTTPForbidden(text="another page may not open this console")
-        if self.tabs >= MOST_TABS:
-            raise web.HTTPServiceUnavailable(text=f"{MOST_TABS} tabs are open already")
+        if self.tabs >= MAX_TABS:
+            raise web.HTTPServiceUnavailable(text=f"{MAX_TABS} tabs are open already")
         tab = web.WebSocketResponse(
-            heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSE_TIMEOUT_S
+            heartbeat=HEARTBEAT_PERIOD_S, max_msg_size=MAX_MESSAGE_BYTES, timeout=CLOSE_TIMEOUT_S
         )
         self.tabs += 1
         self._asked[tab] = request
@@ -186,8 +188,8 @@ class TabletServer(Server):
             await self._serve_tab(
                 tab,
                 find_tab_name(request),
-                parse_bounded_int(request.query.get("width"), 80, 1, MOST_COLUMNS),
-                parse_bounded_int(request.query.get("height"), 24, 1, MOST_ROWS),
+                parse_bounded_int(request.query.get("width"), 80, 1, MAX_TAB_COLUMNS),
+                parse_bounded_int(request.query.get("height"), 24, 1, MAX_TAB_ROWS),
             )
         finally:
             self.tabs -= 1
@@ -237,11 +239,11 @@ class TabletServer(Server):
                 await service.send_bytes(str(rest[0]).encode("utf-8", "replace"))
             elif kind == "resize":
                 await service.set_terminal_size(
-                    parse_bounded_int(rest[0]["width"], 80, 1, MOST_COLUMNS),
-                    parse_bounded_int(rest[0]["height"], 24, 1, MOST_ROWS),
+                    parse_bounded_int(rest[0]["width"], 80, 1, MAX_TAB_COLUMNS),
+                    parse_bounded_int(rest[0]["height"], 24, 1, MAX_TAB_ROWS),
                 )
             elif kind == "ping":
-                await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
+                await tab.send_json(["pong", str(rest[0])[:MAX_PING_CHARACTERS]])
             elif kind in ("blur", "focus"):
                 await getattr(service, kind)()
 
@@ -325,7 +327,7 @@ class RateLimitedFilter(logging.Filter):
         if self._clock() - self._since_s > 60.0:
             self._since_s, self._said = self._clock(), 0
         self._said += 1
-        if self._said > LOG_LINES_A_MINUTE:
+        if self._said > MAX_LOG_LINES_PER_MIN:
             self._left_out += 1
             return False
         left_out, self._left_out = self._left_out, 0
@@ -347,7 +349,7 @@ class MessageThrottle:
     def calc_wait_s(self) -> float:
         """Return the seconds to wait before the next message."""
         now_s = self._clock()
-        self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_PER_S
+        self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MAX_MESSAGES_PER_S
         return max(0.0, self._due_s - now_s)
 
 

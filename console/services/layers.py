@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from topdress.console.app.coverage_raster import Box, WorkedGround, make_spot
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.overlay_file import HarvestColumn, LaidFile
+from topdress.console.app.overlay_file import HarvestColumn, OverlayFile
 from topdress.console.app.pages.diagnosis.service import ImportNeedsAnswersError
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.frame import Frame
@@ -45,7 +45,7 @@ class MapLayers:
         """Returns logs that can be shown on the map."""
         return select_logs(one for one in self._files.list_sources(running_log) if not one.working)
 
-    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
+    def make_overlay(self, path: str, frame: Frame) -> OverlayFile:
         """Returns the overlay of a file. Raises ValueError in one line for an unreadable file, open
         questions, or a file without positions, or without rate and harvest."""
         from topdress.drivers.files.run_meta import read_sidecar_meta
@@ -85,7 +85,7 @@ def _describe_open_question(path: Path, questions: Sequence[str]) -> str:
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
-def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
+def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> OverlayFile:
     """Returns a log of any program as an overlay on a plane. `width_m` is the width of the covered
     ground for a log without a width."""
     from topdress.console.services.replay_frames import make_frames
@@ -120,7 +120,7 @@ def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Fr
         if spot is not None:
             spots.append(spot if value is None else spot._replace(ndvi=value))
     worked.add_spots(spots)
-    return LaidFile(
+    return OverlayFile(
         log.path.name,
         worked,
         has or frozenset({MapLayer.NDVI}),

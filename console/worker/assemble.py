@@ -110,7 +110,7 @@ class SimulatedBench:
 
 
 # Longest step of the simulation, s; readings of simulated sensors are delayed by at most this step.
-PLANT_STEP_S = 0.02
+MAX_PLANT_STEP_S = 0.02
 
 
 def assemble_run(options: Options, clock: Clock) -> Assembly:
@@ -309,7 +309,7 @@ def _make_simulated_bench(
 ) -> SimulatedBench:
     """Build the simulated machine with its planted effects and virtual boards."""
     planted = [parse_planted(text) for text in options.effects]
-    plant = make_plant(machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted)
+    plant = make_plant(machine, job, options.seed, min(MAX_PLANT_STEP_S, 1.0 / options.hz), planted)
     board = BoardConfig(
         port="",
         max_shaft_rpm=machine.limits.shaft_high_rpm,

@@ -10,11 +10,11 @@ from math import inf
 
 from topdress.console.attached import UNNAMED, Attached
 from topdress.console.worker.limits import (
-    LINE_BYTES,
-    REFUSAL_AGAIN_S,
-    REFUSALS,
+    MAX_LINE_BYTES,
+    MAX_REFUSALS,
+    MAX_UNREAD_BYTES,
+    REFUSAL_RECOVERY_S,
     SEND_BUFFER_BYTES,
-    UNREAD_BYTES,
 )
 
 
@@ -32,11 +32,13 @@ class RefusalQuota:
     every `REFUSAL_RECOVERY_S`."""
 
     def __init__(self, now_s: float) -> None:
-        self._left, self._at_s = float(REFUSALS), now_s
+        self._left, self._at_s = float(MAX_REFUSALS), now_s
 
     def spend_refusal(self, now_s: float) -> bool:
         """Spend one refusal at `now_s` (s) and return True; return False when none was left."""
-        self._left = min(float(REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_AGAIN_S)
+        self._left = min(
+            float(MAX_REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_RECOVERY_S
+        )
         self._at_s = now_s
         if self._left < 1.0:
             return False
@@ -56,9 +58,9 @@ class Client:
         self.connection = connection
         self.came_s = came_s
         self.kind = ClientKind.NEW
-        self.patience = RefusalQuota(came_s)
+        self.refusal_quota = RefusalQuota(came_s)
         # Time since which the client is ignored, s; None for a client that is served.
-        self.aside_s: float | None = None
+        self.ignored_since_s: float | None = None
         # Time of the last message that the client is a living console, s.
         self.alive_s = -inf
         # Name as displayed on all screens.
@@ -67,7 +69,7 @@ class Client:
         # Description as the other consoles have it; None before they know the client.
         self.shown: Attached | None = None
         # True if the client fell silent after it had been heard.
-        self.was_silent = False
+        self.has_been_silent = False
         self.gone = False
         self._received = bytearray()
         self._unsent = bytearray()
@@ -95,7 +97,7 @@ class Client:
     @property
     def is_oversized(self) -> bool:
         """Whether more bytes than a line may have arrived without an end of line."""
-        return len(self._received) > LINE_BYTES and not self.has_whole_line
+        return len(self._received) > MAX_LINE_BYTES and not self.has_whole_line
 
     @property
     def is_behind(self) -> bool:
@@ -107,7 +109,7 @@ class Client:
         disconnected."""
         self._unsent += data
         self.send_unsent()
-        if len(self._unsent) > UNREAD_BYTES:
+        if len(self._unsent) > MAX_UNREAD_BYTES:
             self.gone = True
 
     def send_unsent(self) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from topdress.console.frame import DeviceDo, DeviceTest
-from topdress.console.worker.limits import CAPTURE_BYTES, TEST_S
+from topdress.console.worker.limits import LISTEN_TEST_DURATION_S, MAX_CAPTURE_BYTES
 from topdress.console.worker.parts import Bench
 from topdress.console.worker.requests import DeviceOrder
 from topdress.console.worker.side_files import SideFiles
@@ -20,7 +20,7 @@ from topdress.drivers.devices import capture, probe
 from topdress.drivers.ports import Clock, Port, open_port
 
 # A device must not be disconnected while the machine needs it.
-BUSY_STATES = (State.WORKING, State.CALIBRATING)
+DEVICE_BUSY_STATES = (State.WORKING, State.CALIBRATING)
 PortOpener = Callable[[str, int, Clock], Port]
 
 
@@ -34,7 +34,7 @@ class DeviceService:
         log_path: str,
         files: SideFiles,
         opener: PortOpener = open_port,
-        capture_bytes: int = CAPTURE_BYTES,
+        capture_bytes: int = MAX_CAPTURE_BYTES,
     ) -> None:
         self._bench, self._files, self._opener, self._capture_bytes = (
             bench,
@@ -64,7 +64,7 @@ class DeviceService:
         if line is None:
             # A refusal separates its details by semicolons, so the name must contain none.
             return Answer(False, f"no_such_device;device={name.replace(';', ' ')}")
-        if order.do is DeviceDo.DISCONNECT and state in BUSY_STATES:
+        if order.do is DeviceDo.DISCONNECT and state in DEVICE_BUSY_STATES:
             return Answer(False, f"device_in_use;state={state}")
         if order.do in (DeviceDo.CONNECT, DeviceDo.DISCONNECT):
             line.set_plugged(order.do is DeviceDo.CONNECT)
@@ -80,7 +80,7 @@ class DeviceService:
     def end_due_work(self, now_s: float, state: str | None) -> None:
         """End tests that have listened long enough, and captures that are full."""
         for test in self._tests.values():
-            test.end_listening(now_s, state in BUSY_STATES)
+            test.end_listening(now_s, state in DEVICE_BUSY_STATES)
         for name in [
             name for name, one in self._captures.items() if one.size >= self._capture_bytes
         ]:
@@ -159,7 +159,7 @@ class _LineTest:
     def __init__(self, line: DeviceLine, now_s: float, opener: PortOpener) -> None:
         self.result = DeviceTest(True)
         self._line, self._opener = line, opener
-        self._until_s = now_s + TEST_S
+        self._until_s = now_s + LISTEN_TEST_DURATION_S
         self._heard: list[bytes] = []
         self._listening = True
         line.add_tap(self._collect_bytes)

@@ -22,20 +22,20 @@ from topdress.console.frame import DeviceView, Frame
 from topdress.console.worker.device_service import DeviceService
 from topdress.console.worker.lag_bench import LagBench
 from topdress.console.worker.limits import (
-    CATCH_UP_PERIODS,
-    DEVICES_S,
-    FRAME_HZ,
-    HZ_DEFAULT,
-    ORPHAN_S,
-    REPORTED_KINDS,
-    REQUESTS_A_TICK,
-    REQUESTS_WAITING,
-    SAID_S,
-    TEXT_CHARACTERS,
-    TOTALS_S,
+    DEFAULT_TICK_HZ,
+    DEVICE_LIST_PERIOD_S,
+    LOG_CUT_NOTICE_S,
+    MAX_CATCH_UP_PERIODS,
+    MAX_FRAME_HZ,
+    MAX_REPORTED_FAILURES,
+    MAX_REQUESTS_PER_TICK,
+    MAX_TEXT_CHARACTERS,
+    MAX_WAITING_REQUESTS,
+    ORPHAN_TIMEOUT_S,
+    TOTALS_PERIOD_S,
 )
 from topdress.console.worker.parts import FRAME_FIELDS, Assembly
-from topdress.console.worker.requests import DeviceOrder, Question, RequestContent
+from topdress.console.worker.requests import ClientQuestion, DeviceOrder, RequestContent
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.field.totals import Totals
 from topdress.control.loop import Tick
@@ -124,7 +124,7 @@ class TickPunctuality:
 
 # A condition that flickers counts as false. A disk that fails twice within this time, s, is trusted
 # again only after the same time without a failure. Pure.
-SETTLED_S = 60.0
+FLICKER_SETTLING_S = 60.0
 
 
 class FlickerFilter:
@@ -141,7 +141,7 @@ class FlickerFilter:
 
     def filter_flicker(self, now_s: float, good: bool) -> bool:
         """Return the filtered condition at `now_s`, s."""
-        lately = now_s - self._bad_s < SETTLED_S
+        lately = now_s - self._bad_s < FLICKER_SETTLING_S
         if not good:
             self._flickers = lately and (self._good or self._flickers)
             self._bad_s = now_s
@@ -150,9 +150,9 @@ class FlickerFilter:
 
 
 # Reason of a run's end when a client asked the worker to quit.
-QUIT = "asked to quit"
+QUIT_REASON = "asked to quit"
 # Name of whoever stops a run that no client has stopped.
-WORKER = "control worker"
+WORKER_NAME = "control worker"
 # Receives the answer and its additions; must return at once.
 Reply = Callable[[Answer, dict[str, Any]], None]
 
@@ -190,8 +190,8 @@ class Host:
         clock: Callable[[], float],
         sleep: Callable[[float], None],
         *,
-        hz: float = HZ_DEFAULT,
-        orphan_s: float = ORPHAN_S,
+        hz: float = DEFAULT_TICK_HZ,
+        orphan_s: float = ORPHAN_TIMEOUT_S,
     ) -> None:
         self.newest: Frame | None = None
         # Attached consoles, as the link reports them.
@@ -202,10 +202,10 @@ class Host:
         # Reason why the run ended; "" while it runs.
         self.ended = ""
         self.period = TickPunctuality(1.0 / hz)
-        self._bench, self._loop, self._writer, self._names, self._keeper = assembly
+        self._bench, self._loop, self._writer, self._run_names, self._keeper = assembly
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
-        self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
+        self._ticks_a_frame = ceil(hz / MAX_FRAME_HZ - 1e-9)
         # Other threads append to this queue.
         self._inbox: deque[QueuedRequest] = deque()
         # Requests that the loop has taken from the inbox but not yet answered.
@@ -217,7 +217,7 @@ class Host:
         # State at the newest tick.
         self._state: str | None = None
         self._files = SideFiles()
-        self._device_service = DeviceService(self._bench, self._names.log_path, self._files)
+        self._device_service = DeviceService(self._bench, self._run_names.log_path, self._files)
         self.lag = LagBench(self._bench, self._loop, self._files)
         self._lag_tests = 0
         self._devices: tuple[DeviceView, ...] = ()
@@ -228,7 +228,7 @@ class Host:
         self._stop = ""
         self._stopped_by = ""
         # True after the last tick, in which the loop was stopped.
-        self._off = False
+        self._has_run_last_tick = False
         self._log = FlickerFilter()
         # Former log, which another program has truncated.
         self._cut_short: Path | None = None
@@ -261,7 +261,9 @@ class Host:
         by
             Name of the client.
         """
-        if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _is_stop_request(what):
+        if len(self._inbox) + len(self._waiting) >= MAX_WAITING_REQUESTS and not _is_stop_request(
+            what
+        ):
             return False
         self._inbox.append(QueuedRequest(what, reply, by))
         return True
@@ -270,7 +272,7 @@ class Host:
         """Record that an operating console was just heard."""
         self._heard_s = self._clock()
 
-    def request_stop(self, why: str, by: str = WORKER) -> None:
+    def request_stop(self, why: str, by: str = WORKER_NAME) -> None:
         """End the run after one more tick, in which the loop is stopped. A signal handler may call
         this function."""
         if not self._stop:
@@ -285,7 +287,7 @@ class Host:
         why = "failed"
         try:
             due_s = self._clock()
-            while not self._off:
+            while not self._has_run_last_tick:
                 # Deadlines are absolute, so that a late tick does not shift all later ticks.
                 self._sleep(max(0.0, due_s - self._clock()))
                 now_s = self._clock()
@@ -309,7 +311,7 @@ class Host:
         now_s = self._now_s = max(self._now_s, now_s)
         for waiting in self._take_due_requests():
             self._answer_request(waiting, now_s)
-        self._off = bool(self._stop)
+        self._has_run_last_tick = bool(self._stop)
         try:
             if self._stop:
                 self._loop.handle_order(Order(Do.STOP), self._stopped_by)
@@ -324,8 +326,8 @@ class Host:
         if self._failed:
             measurements = measurements._replace(control_failed=True)
         self._run_guarded(lambda: self._follow_new_log(now_s))
-        if now_s - self._cut_s < SAID_S:
-            measurements = measurements._replace(log_cut=Path(self._names.log_path).name)
+        if now_s - self._cut_s < LOG_CUT_NOTICE_S:
+            measurements = measurements._replace(log_cut=Path(self._run_names.log_path).name)
         while self._notes:
             self._loop.add_event(self._notes.popleft())
         for service in (self._device_service.end_due_work, self.lag.follow_test):
@@ -337,7 +339,7 @@ class Host:
         self._state, self._failed = tick.row.state, ""
         self._run_guarded(lambda: self._record_tick(tick))
         self._ordered.extend(read_orders(tick.row.events, tick.row.time_s))
-        if self._ticks % self._ticks_a_frame == 0 or self._off:
+        if self._ticks % self._ticks_a_frame == 0 or self._has_run_last_tick:
             self.newest = self._make_frame(now_s, tick)
 
     def _follow_new_log(self, now_s: float) -> None:
@@ -345,10 +347,10 @@ class Host:
         cut_short = self._writer.cut_short
         if cut_short != self._cut_short:
             self._cut_short, self._cut_s = cut_short, now_s
-            self._names = self._names._replace(log_path=str(self._writer.path))
+            self._run_names = self._run_names._replace(log_path=str(self._writer.path))
             self._notes.append(f"log_cut_short {cut_short}")
             if self._keeper is not None:
-                self._keeper.follow_log(self._names.log_path)
+                self._keeper.follow_log(self._run_names.log_path)
 
     def _record_tick(self, tick: Tick) -> None:
         """Hand the tick to the snapshot and the log."""
@@ -362,7 +364,7 @@ class Host:
         # The drives come first and are reached without the loop, which may be the cause of the
         # failure.
         self._run_guarded(lambda: self._bench.send_command(now_s, None, False))
-        self._run_guarded(lambda: self._loop.handle_order(Order(Do.STOP), WORKER))
+        self._run_guarded(lambda: self._loop.handle_order(Order(Do.STOP), WORKER_NAME))
         self._failed = self._report_error_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
@@ -384,9 +386,9 @@ class Host:
 
     def _report_error_once(self, error: Exception) -> str:
         """Print a failure to stderr once, and return it as one line."""
-        said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
+        said = f"{type(error).__name__}: {error}"[:MAX_TEXT_CHARACTERS]
         # A failure of every tick would fill the disk with messages.
-        if said not in self._reported and len(self._reported) < REPORTED_KINDS:
+        if said not in self._reported and len(self._reported) < MAX_REPORTED_FAILURES:
             self._reported.add(said)
             print(
                 "topdress worker:",
@@ -402,7 +404,7 @@ class Host:
         if self.ended:
             return
         self.ended = why
-        if self._keeper is not None and why == QUIT:
+        if self._keeper is not None and why == QUIT_REASON:
             self._keeper.note_quit()
         try:
             self._bench.send_command(self._clock(), None, False)
@@ -420,7 +422,7 @@ class Host:
         """Return the time of the next tick; missed ticks are skipped."""
         period_s = self.period.period_s
         due_s += period_s
-        if now_s - due_s <= CATCH_UP_PERIODS * period_s:
+        if now_s - due_s <= MAX_CATCH_UP_PERIODS * period_s:
             return due_s
         missed = int((now_s - due_s) / period_s) + 1
         self.period.skipped += missed
@@ -439,7 +441,7 @@ class Host:
             ),
             default=0,
         )
-        count = max(REQUESTS_A_TICK, stop)
+        count = max(MAX_REQUESTS_PER_TICK, stop)
         due, self._waiting = self._waiting[:count], self._waiting[count:]
         return due
 
@@ -452,19 +454,19 @@ class Host:
             answer = self._obey_device_order(waiting.what, now_s)
         else:
             answer = Answer(True)
-            if waiting.what is Question.LAG_TEST:
+            if waiting.what is ClientQuestion.LAG_TEST:
                 answer = self._begin_lag_test()
-            elif waiting.what is Question.END_LAG_TEST:
+            elif waiting.what is ClientQuestion.END_LAG_TEST:
                 self.lag.end_lag_test()
-            elif waiting.what is Question.STATS:
+            elif waiting.what is ClientQuestion.STATS:
                 extra["stats"] = self.period.summarise_ms()
-            elif waiting.what is Question.QUIT:
-                self.request_stop(QUIT, waiting.by)
+            elif waiting.what is ClientQuestion.QUIT:
+                self.request_stop(QUIT_REASON, waiting.by)
         self._run_guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:
         """Begin a lag test with a table next to the log."""
-        log = self._names.log_path
+        log = self._run_names.log_path
         self._lag_tests += 1
         return self.lag.begin_lag_test(
             Path(log).with_suffix(f".lag.{self._lag_tests}.csv") if log else None
@@ -490,15 +492,15 @@ class Host:
 
     def _make_frame(self, now_s: float, tick: Tick) -> Frame:
         """Make the frame of a tick."""
-        names = self._names
+        names = self._run_names
         # The list of devices is expensive and changes slowly, so it has a period of its own.
         if now_s >= self._devices_due_s:
-            self._devices_due_s = now_s + DEVICES_S
+            self._devices_due_s = now_s + DEVICE_LIST_PERIOD_S
             self._devices = tuple(
                 map(self._make_device_view, self._bench.list_device_status(now_s))
             )
         if now_s >= self._totals_due_s:
-            self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
+            self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_PERIOD_S
         shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
         return Frame(
             seq=self._ticks,
@@ -533,6 +535,6 @@ class Host:
 def _is_stop_request(what: RequestContent) -> bool:
     """Return whether a request stops flow or worker; such a request is never refused for lack of
     room."""
-    return what is Question.QUIT or (
+    return what is ClientQuestion.QUIT or (
         isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE)
     )

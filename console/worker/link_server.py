@@ -31,35 +31,35 @@ from topdress.console.worker import wire
 from topdress.console.worker.client import Client, ClientKind
 from topdress.console.worker.host import Host
 from topdress.console.worker.limits import (
-    ACCEPTS_A_TURN,
-    ASIDE_S,
-    CLIENTS_LOOKING,
-    CLIENTS_NEW,
-    CLIENTS_WITH_KEY,
-    COMES_S,
-    CONSOLE_S,
-    HELLO_S,
-    LINE_BYTES,
-    LINES_A_TURN,
-    LINES_A_TURN_WITHOUT_KEY,
-    LOOKER_STAYS_S,
-    MOVES_S,
-    READ_BYTES_WITHOUT_KEY,
-    STANDS_S,
-    STRANGERS_S,
+    CONSOLE_SILENCE_S,
+    FIRST_MESSAGE_TIMEOUT_S,
+    IGNORED_CLIENT_S,
+    MAX_ACCEPTS_PER_TURN,
+    MAX_AUTHORISED_CLIENTS,
+    MAX_LINE_BYTES,
+    MAX_LINES_PER_TURN,
+    MAX_NEW_CLIENTS,
+    MAX_UNAUTHORISED_LINES_PER_TURN,
+    MAX_VIEWING_CLIENTS,
+    MOVING_FRAME_PERIOD_S,
+    NEW_CONSOLE_FAST_S,
+    STANDING_FRAME_PERIOD_S,
+    UNAUTHORISED_READ_BYTES,
+    UNAUTHORISED_TURN_PERIOD_S,
+    VIEWER_REPORT_DELAY_S,
 )
-from topdress.console.worker.requests import Question, Refusal, Request, parse_request
+from topdress.console.worker.requests import ClientQuestion, Refusal, Request, parse_request
 from topdress.control.orders import Answer, State
 
 # Schedule of frames to the consoles: a discrete change is sent at once, a moving machine often, a
 # standing machine rarely.
-WORK_STATES = (State.WORKING, State.CALIBRATING)
+ACTIVE_STATES = (State.WORKING, State.CALIBRATING)
 # Slower speeds, m/s, count as standing, as in the filters of the speed.
-STANDS_MPS = 0.05
+MAX_STANDING_SPEED_MPS = 0.05
 # Six standard deviations of the nominal encoder's noise, r/min, as in safety.
-STANDS_RPM = 2.0
+MAX_STANDING_RPM = 2.0
 # A tick that is early by up to this time, s, is the one that is due.
-HALF_A_TICK_S = 0.02
+EARLY_TICK_TOLERANCE_S = 0.02
 
 
 class FrameSchedule:
@@ -89,10 +89,15 @@ class FrameSchedule:
         """Return whether this frame is sent now."""
         words = _list_frame_words(frame)
         if self._comes:
-            self._comes, self._come_until_s = False, frame.at_s + COMES_S
-        self.moves = _is_machine_active(frame) or 0.0 < self._come_until_s - frame.at_s <= COMES_S
-        wait_s = MOVES_S if self.moves else STANDS_S
-        if words == self._words and 0.0 <= frame.at_s - self._sent_s < wait_s - HALF_A_TICK_S:
+            self._comes, self._come_until_s = False, frame.at_s + NEW_CONSOLE_FAST_S
+        self.moves = (
+            _is_machine_active(frame) or 0.0 < self._come_until_s - frame.at_s <= NEW_CONSOLE_FAST_S
+        )
+        wait_s = MOVING_FRAME_PERIOD_S if self.moves else STANDING_FRAME_PERIOD_S
+        if (
+            words == self._words
+            and 0.0 <= frame.at_s - self._sent_s < wait_s - EARLY_TICK_TOLERANCE_S
+        ):
             return False
         self._sent_s, self._words = frame.at_s, words
         return True
@@ -102,10 +107,10 @@ def _is_machine_active(frame: Frame) -> bool:
     """Return whether the machine works, moves or is tested, so that its numbers are watched."""
     row = frame.row
     return (
-        row.state in WORK_STATES
+        row.state in ACTIVE_STATES
         or frame.lag_test is not None
-        or (row.speed_used_mps or 0.0) >= STANDS_MPS
-        or (row.shaft_rpm or 0.0) >= STANDS_RPM
+        or (row.speed_used_mps or 0.0) >= MAX_STANDING_SPEED_MPS
+        or (row.shaft_rpm or 0.0) >= MAX_STANDING_RPM
         or any(one.test is not None and one.test.running for one in frame.devices)
     )
 
@@ -158,20 +163,23 @@ def _list_frame_words(frame: Frame) -> tuple[Any, ...]:
 
 
 # Period of polls for an answer and its frame, s; also while clients without the token are active.
-LOOK_S = 0.01
+ANSWER_POLL_PERIOD_S = 0.01
 # Duration of fast polls after an order, s: its answer, the frame of that tick and the next frames.
-QUICK_S = 0.3
+FAST_POLL_DURATION_S = 0.3
 # Period of polls for a new frame while the machine moves, s: ticks are 0.05 s apart.
-REST_S = 0.04
+MOVING_POLL_PERIOD_S = 0.04
 # Period while the machine stands, s, when two frames per second are sent.
-STILL_S = 0.1
+STANDING_POLL_PERIOD_S = 0.1
 # Period without any client, s.
-IDLE_S = 0.1
+IDLE_POLL_PERIOD_S = 0.1
 # Pause between two turns of a client with the token that sends more than one turn takes, s.
-PAUSE_S = 0.005
+BUSY_CLIENT_PAUSE_S = 0.005
 
 SelectorEvents = list[tuple[selectors.SelectorKey, int]]
-CLIENT_PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIENTS_WITH_KEY}
+CLIENT_PLACES = {
+    ClientKind.LOOKING: MAX_VIEWING_CLIENTS,
+    ClientKind.WITH_KEY: MAX_AUTHORISED_CLIENTS,
+}
 
 
 class LinkServer(threading.Thread):
@@ -187,18 +195,18 @@ class LinkServer(threading.Thread):
         self._clock = clock
         # Loopback only: no other computer can reach the worker. Port 0 lets the system choose a
         # free port.
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=CLIENTS_NEW)
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=MAX_NEW_CLIENTS)
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
         # Sockets of clients that have shown the token.
-        self._holders = selectors.DefaultSelector()
+        self._authorised_selector = selectors.DefaultSelector()
         # The listening socket, and sockets of all other clients.
-        self._strangers = selectors.DefaultSelector()
-        self._strangers.register(self._listener, selectors.EVENT_READ)
+        self._unauthorised_selector = selectors.DefaultSelector()
+        self._unauthorised_selector.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
-        self._telling = FrameSchedule()
+        self._frame_schedule = FrameSchedule()
         self._seen_seq = -1
         # End of the fast polls for an answer or for the result of an order.
         self._quick_until_s = 0.0
@@ -212,16 +220,16 @@ class LinkServer(threading.Thread):
         while not last:
             # The last round still sends what was queued before `close_link`.
             last = self._closing.is_set()
-            self._hear_holders(self._wait_for_holders())
+            self._hear_authorised(self._wait_for_authorised())
             self._send_answers_and_frame()
             if self._clock() >= self._strangers_due_s:
-                self._hear_strangers()
-                self._strangers_due_s = self._clock() + STRANGERS_S
+                self._hear_unauthorised()
+                self._strangers_due_s = self._clock() + UNAUTHORISED_TURN_PERIOD_S
             self._remove_gone_clients()
         for client in self._clients:
             client.connection.close()
-        self._holders.close()
-        self._strangers.close()
+        self._authorised_selector.close()
+        self._unauthorised_selector.close()
         self._listener.close()
 
     def close_link(self, timeout_s: float = 1.0) -> None:
@@ -233,33 +241,33 @@ class LinkServer(threading.Thread):
     # --- whose turn it is
     # --------------------------------------------------------------------------------------------
 
-    def _wait_for_holders(self) -> SelectorEvents:
+    def _wait_for_authorised(self) -> SelectorEvents:
         """Wait until a client with the token sends something, a frame may exist, or other clients
         have their turn; return the events of clients with the token."""
         holders = [client for client in self._clients if client.kind is ClientKind.WITH_KEY]
-        wait_s = REST_S if self._telling.moves else STILL_S
+        wait_s = MOVING_POLL_PERIOD_S if self._frame_schedule.moves else STANDING_POLL_PERIOD_S
         if self._strangers_come or self._clock() < self._quick_until_s:
-            wait_s = LOOK_S
+            wait_s = ANSWER_POLL_PERIOD_S
         if any(client.has_whole_line for client in holders):
             # The pause gives the interpreter to the control loop.
-            self._closing.wait(PAUSE_S)
+            self._closing.wait(BUSY_CLIENT_PAUSE_S)
         elif holders:
-            return self._holders.select(wait_s)
+            return self._authorised_selector.select(wait_s)
         else:
-            self._strangers.select(wait_s if self._clients else IDLE_S)
+            self._unauthorised_selector.select(wait_s if self._clients else IDLE_POLL_PERIOD_S)
             self._closing.wait(max(0.0, self._strangers_due_s - self._clock()))
         # Windows cannot select from an empty set.
-        return self._holders.select(0.0) if holders else []
+        return self._authorised_selector.select(0.0) if holders else []
 
-    def _hear_holders(self, said: SelectorEvents) -> None:
+    def _hear_authorised(self, said: SelectorEvents) -> None:
         """Serve the clients with the token that have sent something."""
         for client in self._list_ready_clients(said, ClientKind.WITH_KEY):
             self._hear_guarded(client)
 
-    def _hear_strangers(self) -> None:
+    def _hear_unauthorised(self) -> None:
         """Serve all clients without the token for one turn: connected clients first, then new
         connections."""
-        said = self._strangers.select(0.0)
+        said = self._unauthorised_selector.select(0.0)
         self._strangers_come = bool(said)
         for client in self._list_ready_clients(said, ClientKind.NEW, ClientKind.LOOKING):
             self._hear_guarded(client)
@@ -275,7 +283,7 @@ class LinkServer(threading.Thread):
             client
             for client in self._clients
             if client.kind in kinds
-            and client.aside_s is None
+            and client.ignored_since_s is None
             and not client.gone
             and (client.has_whole_line or id(client) in new)
         ]
@@ -285,7 +293,7 @@ class LinkServer(threading.Thread):
 
     def _accept_connections(self) -> None:
         """Accept waiting connections, a bounded number per turn."""
-        for _ in range(ACCEPTS_A_TURN):
+        for _ in range(MAX_ACCEPTS_PER_TURN):
             try:
                 connection, _ = self._listener.accept()
             except OSError:
@@ -293,7 +301,7 @@ class LinkServer(threading.Thread):
             self._make_room_for_new()
             client = Client(connection, self._clock())
             self._clients.append(client)
-            self._strangers.register(connection, selectors.EVENT_READ, client)
+            self._unauthorised_selector.register(connection, selectors.EVENT_READ, client)
             client.queue_bytes(wire.format_greeting(os.getpid()))
 
     def _make_room_for_new(self) -> None:
@@ -301,10 +309,10 @@ class LinkServer(threading.Thread):
         still has nothing to say."""
         while (
             len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone])
-            >= CLIENTS_NEW
+            >= MAX_NEW_CLIENTS
         ):
-            oldest = next((client for client in new if client.aside_s is not None), new[0])
-            if oldest.aside_s is None:
+            oldest = next((client for client in new if client.ignored_since_s is not None), new[0])
+            if oldest.ignored_since_s is None:
                 self._hear_guarded(oldest)
             self._drop_silent_client(oldest)
 
@@ -312,9 +320,12 @@ class LinkServer(threading.Thread):
         """Disconnect clients that sent nothing in time, and ignored clients after their time."""
         now_s = self._clock()
         for client in self._clients:
-            if client.came_s < now_s - HELLO_S:
+            if client.came_s < now_s - FIRST_MESSAGE_TIMEOUT_S:
                 self._drop_silent_client(client)
-            if client.aside_s is not None and client.aside_s < now_s - ASIDE_S:
+            if (
+                client.ignored_since_s is not None
+                and client.ignored_since_s < now_s - IGNORED_CLIENT_S
+            ):
                 client.gone = True
 
     def _drop_silent_client(self, client: Client) -> None:
@@ -327,7 +338,7 @@ class LinkServer(threading.Thread):
         """Remove clients that are gone, and record their departure."""
         for client in [c for c in self._clients if c.gone]:
             self._clients.remove(client)
-            for chooser in (self._holders, self._strangers):
+            for chooser in (self._authorised_selector, self._unauthorised_selector):
                 if client.connection in chooser.get_map():
                     chooser.unregister(client.connection)
             client.connection.close()
@@ -349,14 +360,14 @@ class LinkServer(threading.Thread):
         """Process the lines of a client."""
         with_key = client.kind is ClientKind.WITH_KEY
         lines = client.take_lines(
-            LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
-            LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY,
+            MAX_LINES_PER_TURN if with_key else MAX_UNAUTHORISED_LINES_PER_TURN,
+            MAX_LINE_BYTES if with_key else UNAUTHORISED_READ_BYTES,
         )
         if client.is_oversized:
             self.counts["oversized"] += 1
             client.gone = True
         for line in lines:
-            if client.aside_s is None and not client.gone:
+            if client.ignored_since_s is None and not client.gone:
                 self._take_line(client, line)
 
     def _take_line(self, client: Client, line: bytes) -> None:
@@ -366,21 +377,21 @@ class LinkServer(threading.Thread):
             self._take_request(client, request)
         elif (
             # Clients with the token may be refused any number of times.
-            not client.patience.spend_refusal(self._clock())
+            not client.refusal_quota.spend_refusal(self._clock())
             and client.kind is not ClientKind.WITH_KEY
         ):
-            self._put_client_aside(client)
+            self._ignore_client(client)
         elif isinstance(request, Request):
             self._take_request(client, request)
         elif isinstance(request, Refusal):
             self.counts[request.kind] += 1
             client.queue_bytes(wire.format_answer(request.id, Answer(False, request.why), {}))
 
-    def _put_client_aside(self, client: Client) -> None:
+    def _ignore_client(self, client: Client) -> None:
         """Ignore a client from now on: whatever it sends stays in its own buffer."""
         self.counts["clients_put_aside"] += 1
-        client.aside_s = self._clock()
-        self._strangers.unregister(client.connection)
+        client.ignored_since_s = self._clock()
+        self._unauthorised_selector.unregister(client.connection)
         client.queue_bytes(wire.format_answer(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
@@ -391,22 +402,22 @@ class LinkServer(threading.Thread):
             self.counts["clients_refused"] += 1
             client.gone = True
             return
-        if request.what is Question.ALIVE:
+        if request.what is ClientQuestion.ALIVE:
             client.alive_s = self._clock()
             self._host.note_console_heard()
-        if request.what is Question.LOOK:
+        if request.what is ClientQuestion.LOOK:
             self._name_client(client, request)
-        if request.what in (Question.ALIVE, Question.LOOK):
+        if request.what in (ClientQuestion.ALIVE, ClientQuestion.LOOK):
             client.queue_bytes(
                 wire.format_answer(
                     request.id, Answer(True), {"name": client.name} if request.name else {}
                 )
             )
             return
-        self._quick_until_s = self._clock() + QUICK_S
+        self._quick_until_s = self._clock() + FAST_POLL_DURATION_S
         if not self._host.queue_request(
             request.what,
-            partial(self._queue_answer, client, request.id, request.what is Question.STATS),
+            partial(self._queue_answer, client, request.id, request.what is ClientQuestion.STATS),
             client.name or UNNAMED,
         ):
             self.counts["busy"] += 1
@@ -431,11 +442,11 @@ class LinkServer(threading.Thread):
         if sum(1 for other in self._clients if other.kind is kind) >= CLIENT_PLACES[kind]:
             return False
         if kind is ClientKind.WITH_KEY:
-            self._strangers.unregister(client.connection)
-            self._holders.register(client.connection, selectors.EVENT_READ, client)
+            self._unauthorised_selector.unregister(client.connection)
+            self._authorised_selector.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
         # A client that has just come receives the newest frame without waiting.
-        self._telling.greet_console()
+        self._frame_schedule.greet_console()
         self._seen_seq = -1
         return True
 
@@ -456,7 +467,7 @@ class LinkServer(threading.Thread):
         while self._answers:
             client, data = self._answers.popleft()
             client.queue_bytes(data)
-            self._telling.send_next_frame()
+            self._frame_schedule.send_next_frame()
         frame = self._host.newest
         if frame is None or frame.seq == self._seen_seq or not self._clients:
             return
@@ -464,7 +475,7 @@ class LinkServer(threading.Thread):
         for client in self._clients:
             if client.is_behind:
                 client.send_unsent()
-        if self._telling.is_frame_due(frame):
+        if self._frame_schedule.is_frame_due(frame):
             self._send_frame(frame)
 
     def _report_attached(self) -> None:
@@ -473,19 +484,19 @@ class LinkServer(threading.Thread):
         now_s = self._clock()
         for client in self._clients:
             settled = client.kind is ClientKind.WITH_KEY or (
-                client.kind is ClientKind.LOOKING and client.came_s < now_s - LOOKER_STAYS_S
+                client.kind is ClientKind.LOOKING and client.came_s < now_s - VIEWER_REPORT_DELAY_S
             )
             if client.gone or not settled:
                 continue
-            before, now = client.shown, client.describe_attached(now_s - CONSOLE_S)
+            before, now = client.shown, client.describe_attached(now_s - CONSOLE_SILENCE_S)
             client.shown = now
             if before is None:
                 self._host.note_event(format_attached_event(now))
             elif before.keeps and not now.keeps:
-                client.was_silent = True
+                client.has_been_silent = True
                 self._host.note_event(f"silent {now.name}")
-            elif now.keeps and client.was_silent:
-                client.was_silent = False
+            elif now.keeps and client.has_been_silent:
+                client.has_been_silent = False
                 self._host.note_event(f"heard {now.name}")
         self._host.attached = tuple(
             one.shown for one in self._clients if one.shown is not None and not one.gone
@@ -499,7 +510,7 @@ class LinkServer(threading.Thread):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:
-            if client.kind is ClientKind.NEW or client.aside_s is not None:
+            if client.kind is ClientKind.NEW or client.ignored_since_s is not None:
                 continue
             if client.is_behind:
                 self.counts["dropped_frames"] += 1

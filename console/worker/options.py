@@ -9,7 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from topdress.console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
+from topdress.console.worker.limits import (
+    DEFAULT_TICK_HZ,
+    MAX_TICK_HZ,
+    MIN_TICK_HZ,
+    ORPHAN_TIMEOUT_S,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +24,14 @@ class Options:
 
     config: tuple[str, ...]
     run_file: Path
-    hz: float = HZ_DEFAULT
+    hz: float = DEFAULT_TICK_HZ
     # None means a new file in the user's data folder.
     log: str | None = None
     # Seed of the simulated machine.
     seed: int = 1
     # Effects ID=SIZE[@ONSET_S][#MEMBER] that are planted in the simulated machine.
     effects: tuple[str, ...] = ()
-    orphan_s: float = ORPHAN_S
+    orphan_s: float = ORPHAN_TIMEOUT_S
     # Snapshot of the job to resume.
     resume: Path | None = None
 
@@ -52,8 +57,8 @@ def parse_options(arguments: Sequence[str]) -> Options:
     parser.add_argument(
         "--hz",
         type=_parse_tick_hz,
-        default=HZ_DEFAULT,
-        help=f"ticks a second (default {HZ_DEFAULT:g})",
+        default=DEFAULT_TICK_HZ,
+        help=f"ticks a second (default {DEFAULT_TICK_HZ:g})",
     )
     parser.add_argument(
         "--log", metavar="NAME.csv", help="run log (default: a new file in the user's data folder)"
@@ -69,7 +74,7 @@ def parse_options(arguments: Sequence[str]) -> Options:
     parser.add_argument(
         "--resume", type=Path, metavar="NAME.resume.json", help="go on with this job, in a new log"
     )
-    parser.add_argument("--orphan-s", type=float, default=ORPHAN_S, help=argparse.SUPPRESS)
+    parser.add_argument("--orphan-s", type=float, default=ORPHAN_TIMEOUT_S, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     return Options(
         config=tuple(given.config),
@@ -86,6 +91,6 @@ def parse_options(arguments: Sequence[str]) -> Options:
 def _parse_tick_hz(text: str) -> float:
     """Parse the tick rate and check its range."""
     hz = float(text)
-    if not HZ_LOWEST <= hz <= HZ_HIGHEST:
-        raise argparse.ArgumentTypeError(f"{text}: allowed are {HZ_LOWEST:g} to {HZ_HIGHEST:g}")
+    if not MIN_TICK_HZ <= hz <= MAX_TICK_HZ:
+        raise argparse.ArgumentTypeError(f"{text}: allowed are {MIN_TICK_HZ:g} to {MAX_TICK_HZ:g}")
     return hz

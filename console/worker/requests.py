@@ -23,11 +23,11 @@ from typing import NamedTuple, NoReturn
 
 from topdress.console.attached import clean_name
 from topdress.console.frame import DeviceDo
-from topdress.console.worker.limits import TEXT_CHARACTERS
+from topdress.console.worker.limits import MAX_TEXT_CHARACTERS
 from topdress.control.orders import Do, Order
 
 
-class Question(StrEnum):
+class ClientQuestion(StrEnum):
     """Lists the questions that a client may ask."""
 
     # A console that can show STOP is alive; nothing else keeps the machine working.
@@ -50,7 +50,7 @@ class DeviceOrder(NamedTuple):
     do: DeviceDo
 
 
-RequestContent = Order | Question | DeviceOrder
+RequestContent = Order | ClientQuestion | DeviceOrder
 
 
 class Request(NamedTuple):
@@ -98,10 +98,10 @@ def parse_request(line: bytes, token: str) -> Request | Refusal:
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
         return Refusal(None, "malformed", "malformed: id")
     with_key = _is_token_right(message.get("token"), token)
-    if message.get("ask") == Question.LOOK:
+    if message.get("ask") == ClientQuestion.LOOK:
         return Request(
             number,
-            Question.LOOK,
+            ClientQuestion.LOOK,
             with_key,
             clean_name(message.get("name")),
             message.get("tablet") is True,
@@ -118,7 +118,7 @@ def parse_request(line: bytes, token: str) -> Request | Refusal:
 def _parse_question(number: int, ask: object) -> Request | Refusal:
     """Parse a question."""
     try:
-        return Request(number, Question(str(ask)))
+        return Request(number, ClientQuestion(str(ask)))
     except ValueError:
         return Refusal(number, "malformed", "malformed: ask")
 
@@ -131,7 +131,7 @@ def _parse_device_order(number: int, device: object, act: object) -> Request | R
         do = None
     if do is None or not isinstance(device, str):
         return Refusal(number, "malformed", "malformed: device")
-    return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], do))
+    return Request(number, DeviceOrder(device[:MAX_TEXT_CHARACTERS], do))
 
 
 def _parse_loop_order(number: int, do: object, value: object) -> Request | Refusal:
@@ -143,7 +143,7 @@ def _parse_loop_order(number: int, do: object, value: object) -> Request | Refus
     match value:
         case None | bool():
             return Request(number, Order(known, value))
-        case str() if len(value) <= TEXT_CHARACTERS:
+        case str() if len(value) <= MAX_TEXT_CHARACTERS:
             return Request(number, Order(known, value))
         case int() if abs(value) < 2**53:
             return Request(number, Order(known, float(value)))

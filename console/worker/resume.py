@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.console.worker.resume_ground import NOTHING_DONE, RasterSchema, Spot, pack_raster
+from topdress.console.worker.resume_ground import EMPTY_RASTER, RasterSchema, Spot, pack_raster
 from topdress.console.worker.snapshots import (
     SNAPSHOT_FORMAT,
     SNAPSHOT_SUFFIX,
@@ -27,11 +27,11 @@ from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.limits import RESUME, check_limit
 
 # A job that has done less, ha, is not worth resuming.
-WORTHWHILE_HA = 0.001
+MIN_RESUMABLE_HA = 0.001
 # Earlier times come from a clock that nobody has set: this program did not exist then.
-EARLIEST_CLOCK = datetime(2020, 1, 1, tzinfo=UTC)
+EARLIEST_PLAUSIBLE_UTC = datetime(2020, 1, 1, tzinfo=UTC)
 # A pass over a field takes less than this, days, and the next dressing comes later.
-OPEN_DAYS = 14
+MAX_OPEN_DAYS = 14
 
 Place = tuple[float, float]
 # UTC of the refill, and mass in kg.
@@ -91,7 +91,7 @@ class Snapshot:
     cut_hopper_kg: float | None = None
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
-    ground: Annotated[Raster, RasterSchema] = NOTHING_DONE
+    ground: Annotated[Raster, RasterSchema] = EMPTY_RASTER
 
     @property
     def area_ha(self) -> float:
@@ -101,7 +101,7 @@ class Snapshot:
     @property
     def is_worth_resuming(self) -> bool:
         """Whether the job is unfinished and has done anything."""
-        return not self.finished and (self.worked or self.area_ha >= WORTHWHILE_HA)
+        return not self.finished and (self.worked or self.area_ha >= MIN_RESUMABLE_HA)
 
 
 # Tolerance when a refill is identified by its mass, kg: refills are reported to 0.1 kg.
@@ -210,6 +210,6 @@ def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot
             continue
         if snapshot.is_worth_resuming and (
             # A clock that was never set gives no age, so such a job is offered.
-            left < EARLIEST_CLOCK or now - left <= timedelta(days=OPEN_DAYS)
+            left < EARLIEST_PLAUSIBLE_UTC or now - left <= timedelta(days=MAX_OPEN_DAYS)
         ):
             yield path, snapshot

@@ -25,7 +25,7 @@ from topdress.control.simulation.tractor import make_field_path
 from topdress.drivers.files.run_meta import read_sidecar_meta
 
 # Step of the search along the simulated tractor's way, m.
-SEARCH_M = 0.5
+POSITION_SEARCH_STEP_M = 0.5
 
 
 class EarlierWork(NamedTuple):
@@ -190,7 +190,9 @@ def _find_driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> 
     path = make_field_path(
         job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
     )
-    places = (k * SEARCH_M for k in range(int(path.length_m / SEARCH_M) + 1))
+    places = (
+        k * POSITION_SEARCH_STEP_M for k in range(int(path.length_m / POSITION_SEARCH_STEP_M) + 1)
+    )
 
     def calc_distance_m(driven_m: float) -> float:
         pose = path.find_pose(driven_m)

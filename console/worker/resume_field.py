@@ -12,20 +12,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from topdress.console.worker.resume import WORTHWHILE_HA, Snapshot, find_open_jobs
+from topdress.console.worker.resume import MIN_RESUMABLE_HA, Snapshot, find_open_jobs
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import MAX_DISTANCE_M, MAX_RASTER_CELLS, Raster
 from topdress.control.field.job import Job
 from topdress.control.geodesy import Place, TangentPlane
 
 # Share of a job's finished ground on this field from which the job belongs to this field.
-SAME_FIELD_SHARE = 0.5
+MIN_SAME_FIELD_SHARE = 0.5
 # Planes whose origins are closer than this, m, count as equal.
-SAME_PLANE_M = 0.001
+SAME_PLANE_TOLERANCE_M = 0.001
 # Number of sampled cells: enough for the share on a field to some 1 %.
-MOST_SAMPLED_CELLS = 4_000
+MAX_SAMPLED_CELLS = 4_000
 # Rows of a raster that are redrawn at a time, which bounds the memory.
-_REDRAWN_ROWS = 256
+_REDRAWN_BLOCK_ROWS = 256
 
 
 class OpenJob(NamedTuple):
@@ -40,7 +40,7 @@ class OpenJob(NamedTuple):
     def is_same_job(self) -> bool:
         """Whether it is the same job, which continues with its totals; otherwise its ground alone
         counts."""
-        return self.share >= SAME_FIELD_SHARE
+        return self.share >= MIN_SAME_FIELD_SHARE
 
 
 def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
@@ -75,7 +75,7 @@ def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapsho
     if snapshot.origin_deg is None or not len(cells):
         place = find_last_place(plane, snapshot)  # cut off before anything has landed
         return 1.0 if place is not None and field.contains_place(*place) else None
-    some = cells[:: max(1, len(cells) // MOST_SAMPLED_CELLS)]
+    some = cells[:: max(1, len(cells) // MAX_SAMPLED_CELLS)]
     places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
     share = float(
         field.contains_places(
@@ -83,7 +83,7 @@ def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapsho
         ).mean()
     )
     done_ha = len(cells) * ground.cell_m**2 / 10_000.0
-    return share if share >= SAME_FIELD_SHARE or share * done_ha >= WORTHWHILE_HA else None
+    return share if share >= MIN_SAME_FIELD_SHARE or share * done_ha >= MIN_RESUMABLE_HA else None
 
 
 def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
@@ -92,7 +92,7 @@ def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
     if snapshot.origin_deg is None:
         return snapshot
     own = TangentPlane(*snapshot.origin_deg)
-    if max(map(abs, plane.project_to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
+    if max(map(abs, plane.project_to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_TOLERANCE_M:
         return snapshot
     track = (
         _move_places(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2))
@@ -158,8 +158,8 @@ def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Ra
         return ground._replace(done=np.zeros((1, 1), dtype=np.bool_))
     done = np.zeros((north - south, east - west), dtype=np.bool_)
     aside = (np.arange(west, east) + 0.5) * cell_m
-    for first in range(0, len(done), _REDRAWN_ROWS):
-        part = done[first : first + _REDRAWN_ROWS]
+    for first in range(0, len(done), _REDRAWN_BLOCK_ROWS):
+        part = done[first : first + _REDRAWN_BLOCK_ROWS]
         up = (south + first + np.arange(len(part)) + 0.5) * cell_m
         # The inverse conversion visits every new cell once, so that no cell stays empty by
         # rounding.

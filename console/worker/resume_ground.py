@@ -16,12 +16,12 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves
 
 # Largest side of a cell, m; it is also at most a sixth of the working width.
-CELL_M = 0.25
+MAX_CELL_M = 0.25
 # Initial distance between stored positions of the map's track, m.
-TRACK_STEP_M = 1.0
+MIN_TRACK_STEP_M = 1.0
 # Limit of stored positions: beyond it every second position is dropped and the distance doubles.
-TRACK_PLACES = 8_000
-NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
+MAX_TRACK_PLACES = 8_000
+EMPTY_RASTER = Raster(0.0, 0.0, MAX_CELL_M, np.zeros((1, 1), dtype=np.bool_))
 
 # East m, north m, heading degrees, kg/ha.
 Spot = tuple[float, float, float, float]
@@ -31,10 +31,10 @@ class DoneGround:
     """Grows with the ticks. `before` is the ground that an earlier part of the job has finished."""
 
     def __init__(
-        self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()
+        self, machine: Machine, before: Raster = EMPTY_RASTER, track: tuple[Spot, ...] = ()
     ) -> None:
         width_m = machine.geometry.working_width_m
-        cell_m = min(CELL_M, width_m / 6.0)
+        cell_m = min(MAX_CELL_M, width_m / 6.0)
         # Half of the lowest speed separates a turning shaft from noise of a standing shaft.
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
         # The cells differ if the earlier part had a machine of another width.
@@ -53,7 +53,7 @@ class DoneGround:
         self._drop_s = 0.0
         self._flowing = (False,) * max(1, len(strips))
         self.track: list[Spot] = list(track)
-        self._track_step_m = TRACK_STEP_M
+        self._track_step_m = MIN_TRACK_STEP_M
 
     def add_outlet_place(
         self,
@@ -123,7 +123,7 @@ class DoneGround:
         ):
             return
         self.track.append(spot)
-        if len(self.track) > TRACK_PLACES:
+        if len(self.track) > MAX_TRACK_PLACES:
             self.track = self.track[::2]
             self._track_step_m *= 2.0
 

@@ -30,7 +30,7 @@ from topdress.drivers.files.run_log import MAX_WAITING_ROWS
 # Largest age of the snapshot, s, besides the disk's own delay.
 SNAPSHOT_PERIOD_S = 5.0
 # A larger change of the scale since the cut, kg, indicates a refill or a repair.
-SCALE_STEP_KG = 2.0
+MAX_CUT_LOSS_KG = 2.0
 # Period at which the loop's sums are copied, s; a copy takes some 50 us.
 SUMS_PERIOD_S = 1.0
 # Event by which the operator ends a job.
@@ -275,7 +275,7 @@ class _ReleasedAfterCut:
             return
         if self._settled:
             less_kg = self._before_kg - sum(self._settled) / len(self._settled)
-            self.scale_kg = less_kg if abs(less_kg) < SCALE_STEP_KG else None
+            self.scale_kg = less_kg if abs(less_kg) < MAX_CUT_LOSS_KG else None
         self._before_kg = None
 
 

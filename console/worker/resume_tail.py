@@ -28,11 +28,11 @@ from topdress.drivers.files.run_log import FLUSH_PERIOD_S
 # through its dead time and ramp; the flow follows the shaft. Pure. Step of this prediction, s.
 RUN_ON_STEP_S = 0.05
 # Rows reach the disk with this period, of which half is missing on average, s.
-UNLOGGED_S = 0.5 * FLUSH_PERIOD_S
+MEAN_UNLOGGED_S = 0.5 * FLUSH_PERIOD_S
 # The prediction ends after this time, s, whatever the machine file contains.
-LONGEST_RUN_ON_S = 30.0
+MAX_RUN_ON_S = 30.0
 # Share of the former speed below which the shaft counts as standing.
-STANDSTILL_SHARE = 0.02
+STANDSTILL_SPEED_SHARE = 0.02
 
 
 class RunOnMoment(NamedTuple):
@@ -59,14 +59,14 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
         return
     shaft, time_s, share, stood_s = make_shaft_start(shaft_rpm), 0.0, 1.0, None
     supply_v = machine.shaft.nominal_supply_v
-    while time_s < LONGEST_RUN_ON_S:
-        commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
+    while time_s < MAX_RUN_ON_S:
+        commanded_rpm = shaft_rpm if time_s < MEAN_UNLOGGED_S + stops_s else 0.0
         shaft, turned = step_shaft(
             machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), RUN_ON_STEP_S
         )
         time_s += RUN_ON_STEP_S
         share = min(1.0, max(0.0, turned.rpm / shaft_rpm))
-        if share < STANDSTILL_SHARE:
+        if share < STANDSTILL_SPEED_SHARE:
             stood_s = time_s if stood_s is None else stood_s
             share = 0.0
             if time_s - stood_s > calc_drop_s(machine.fall, shaft_rpm):
@@ -76,9 +76,9 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
 
 # Bytes read from the end of the log: minutes of rows at 20 Hz, and more than 20 s of rows full of
 # events.
-TAIL_BYTES = 2_000_000
+MAX_TAIL_BYTES = 2_000_000
 # A longer step between rows is a gap, s.
-LONGEST_STEP_S = 1.0
+MAX_ROW_STEP_S = 1.0
 # Window of scale readings, s: five correlation times of the scale.
 SCALE_WINDOW_S = 5.0
 
@@ -159,14 +159,14 @@ def add_log_tail(
         flowing = row.state != State.CALIBRATING
         done.add_outlet_place(
             row.time_s,
-            *way.follow_row(row, min(max(0.0, new_s), LONGEST_STEP_S)),
+            *way.follow_row(row, min(max(0.0, new_s), MAX_ROW_STEP_S)),
             row.shaft_rpm if flowing else 0.0,
             row.applied_rate_kg_ha * row.flow_trim,
             row.sections_cmd,
             way.step_m,
         )
         if row.time_s > snapshot.time_s and row.state == State.HELD:
-            held_s += min(step_s, LONGEST_STEP_S)
+            held_s += min(step_s, MAX_ROW_STEP_S)
         _add_row_to_sums(
             sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s
         )
@@ -273,7 +273,7 @@ def _add_row_to_sums(
     )
     if not worked:
         sums.stop_work()
-    elif is_new and step_s <= LONGEST_STEP_S:
+    elif is_new and step_s <= MAX_ROW_STEP_S:
         sums.add_tick(
             step_s,
             row.speed_used_mps,
@@ -318,7 +318,7 @@ def _iterate_backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]
     for number in range(len(rows) - 1, 0, -1):
         yield (
             rows[number],
-            min(LONGEST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s)),
+            min(MAX_ROW_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s)),
         )
 
 
@@ -327,7 +327,7 @@ def _read_rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
     with log.open("rb") as file:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
         size = file.seek(0, 2)
-        file.seek(max(0, size - TAIL_BYTES))
+        file.seek(max(0, size - MAX_TAIL_BYTES))
         # The first and last line may be incomplete.
         lines = file.read().decode(errors="replace").split("\n")[1:-1]
     for cells in csv.reader(line for line in lines if len(line) <= LINE.most):

@@ -18,21 +18,21 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from topdress.console.worker.limits import LOCK_S
+from topdress.console.worker.limits import LOCK_TIMEOUT_S
 from topdress.console.worker.system import make_private_folder, write_private_file
 from topdress.console.worker_handshake import is_still_running
 from topdress.drivers import day_clock
 from topdress.drivers.files.lock import is_same_file, take_lock
 
 # Period of attempts to take the lock, s.
-RETRY_S = 0.02
+LOCK_RETRY_PERIOD_S = 0.02
 # Period at which the running worker checks both files, s.
-REWRITE_S = 0.2
+REWRITE_PERIOD_S = 0.2
 # Time after which a worker whose check collided with another check has checked again, s.
-SETTLED_S = 2.0 * REWRITE_S
+LOCK_SETTLING_S = 2.0 * REWRITE_PERIOD_S
 # On a busy computer a worker needs up to this time, s, to lock a file that was created again: ten
 # checks.
-YOUNG_S = 2.0
+YOUNG_LOCK_AGE_S = 2.0
 
 
 class WorkerRight:
@@ -69,7 +69,7 @@ class WorkerRight:
         BlockingIOError in one line, or OSError.
         """
         if self._new:
-            self._sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
+            self._sleep(max(0.0, self._taken_s + LOCK_SETTLING_S - time.monotonic()))
         # True until it is known that the run file belongs to no other worker.
         self._refused = True
         _refuse_second_worker(self.path)
@@ -152,7 +152,7 @@ class RunFileWriter(threading.Thread):
 
     def run(self) -> None:
         """Maintain both files until the end; the thread runs this method."""
-        while not self._closing.wait(REWRITE_S):
+        while not self._closing.wait(REWRITE_PERIOD_S):
             with contextlib.suppress(OSError):
                 self._right.renew_lock()
             with contextlib.suppress(OSError):
@@ -164,7 +164,7 @@ class RunFileWriter(threading.Thread):
         """End the thread."""
         self._closing.set()
         if self.is_alive():
-            self.join(LOCK_S)
+            self.join(LOCK_TIMEOUT_S)
 
     def _is_file_intact(self) -> bool:
         """Return whether the file still has the content of this worker."""
@@ -179,13 +179,13 @@ class RunFileWriter(threading.Thread):
 def _wait_for_lock(path: Path) -> io.FileIO:
     """Return the lock once it is free. A console that checks for a worker holds it for a moment, a
     worker that ends somewhat longer."""
-    until_s = time.monotonic() + LOCK_S
+    until_s = time.monotonic() + LOCK_TIMEOUT_S
     while (lock := take_lock(path.with_suffix(".lock"))) is None:
         if time.monotonic() > until_s:
             raise BlockingIOError(
                 f"a machine runs already on this computer{_describe_holder(path)}"
             )
-        time.sleep(RETRY_S)
+        time.sleep(LOCK_RETRY_PERIOD_S)
     return lock
 
 
@@ -193,7 +193,7 @@ def _is_lock_young(lock: io.FileIO, now_s: float) -> bool:
     """Return whether a worker whose lock file was removed may not have locked this file yet,
     because a console's check has created it again. A file from the future, by the computer's clock,
     counts as young."""
-    return now_s - os.fstat(lock.fileno()).st_ctime < YOUNG_S
+    return now_s - os.fstat(lock.fileno()).st_ctime < YOUNG_LOCK_AGE_S
 
 
 def _refuse_second_worker(path: Path) -> None:

@@ -10,7 +10,7 @@ from topdress.drivers.files.limits import RESUME, check_limit
 SNAPSHOT_FORMAT = "topdress-resume/1"
 SNAPSHOT_SUFFIX = ".resume.json"
 # Two weeks of a contractor's jobs; older jobs are not resumed.
-MOST_SNAPSHOTS = 100
+MAX_SNAPSHOTS = 100
 
 
 def read_mtime_ns(path: Path) -> int:
@@ -24,7 +24,7 @@ def read_mtime_ns(path: Path) -> int:
 def list_newest_first(folder: Path) -> list[Path]:
     """Return the newest `MAX_SNAPSHOTS` snapshots of a folder, newest first."""
     return sorted(folder.glob(f"*{SNAPSHOT_SUFFIX}"), key=read_mtime_ns, reverse=True)[
-        :MOST_SNAPSHOTS
+        :MAX_SNAPSHOTS
     ]
 
 

@@ -23,7 +23,7 @@ from textual.pilot import Pilot  # noqa: E402
 from topdress.console.app.app import TopdressApp  # noqa: E402
 from topdress.console.app.pages.replay.service import ReplayJob  # noqa: E402
 from topdress.console.app.replay_source import ReplaySource  # noqa: E402
-from topdress.console.locale import ENGLISH, use_language  # noqa: E402
+from topdress.console.locale import ENGLISH_CODE, use_language  # noqa: E402
 
 from tests.app import harness  # noqa: E402
 from tests.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
@@ -157,9 +157,9 @@ def _styles_read_once():
 @pytest.fixture(autouse=True)
 def _english(monkeypatch):
     monkeypatch.delenv("NO_COLOR", raising=False)
-    use_language(ENGLISH)
+    use_language(ENGLISH_CODE)
     yield
-    use_language(ENGLISH)
+    use_language(ENGLISH_CODE)
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import DeviceDo, Frame
-from topdress.console.locale import ENGLISH, use_language
+from topdress.console.locale import ENGLISH_CODE, use_language
 from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.diagnosis.result import Departure
 from topdress.control.orders import Answer, Order, State
@@ -80,7 +80,7 @@ class Picture(NamedTuple):
     name: str
     size: tuple[int, int]
     theme: str = "day"
-    language: str = ENGLISH
+    language: str = ENGLISH_CODE
     screen: str = "run"  # a page, help, gone
     alarms: bool = False
 
@@ -96,7 +96,7 @@ def pictures(names: str) -> tuple[Picture, ...]:
             name.removesuffix("!"),
             (int(wide), int(high)),
             next((one for one in ("night", "contrast") if one in more), "day"),
-            "zh" if "zh" in more else ENGLISH,
+            "zh" if "zh" in more else ENGLISH_CODE,
             page,
             "alarms" in more or name.endswith("!"),
         )
@@ -256,7 +256,7 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         app.source.newest = pose(app, picture.screen, app.source.newest)
         app.show_newest()
     if picture.screen == "map-laid" and isinstance(app.page, MapScreen):
-        app.page.lay_file("/logs/autumn.geojson")
+        app.page.overlay_file("/logs/autumn.geojson")
     await _lay_over(app, picture)
     await wait()
     await wait()
@@ -275,15 +275,15 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
 async def _lay_over(app: TopdressApp, picture: Picture) -> None:
     """What lies over the page in some pictures."""
     if picture.screen == "alarm-list":
-        app.alarm_book = AlarmHistory()
+        app.alarm_history = AlarmHistory()
         for frame in _frames()[-200:]:
             standing = [
                 one for one in sample_alarms(_frames()[-1].at_s) if one.since_s <= frame.at_s
             ]
-            app.alarm_book.add_row_alarms(frame.row.time_s, frame.row.utc, standing)
+            app.alarm_history.add_row_alarms(frame.row.time_s, frame.row.utc, standing)
         await app.action_do("alarm_list")
     if picture.screen == "power-cut":
-        app.ask_to_go_on(SampleJobService(cut_off=CUT_OFF))
+        app.ask_to_resume_job(SampleJobService(cut_off=CUT_OFF))
     if picture.screen == "help":
         await app.action_do("help")
     if (
@@ -360,7 +360,7 @@ def main(folder: str) -> None:
         print(f"{picture.name}.svg")
     drawn = [(target / f"{name}.svg").read_text(encoding="utf-8") for name in MOVING]
     (target / "moving.svg").write_text(moving(drawn), encoding="utf-8")
-    use_language(ENGLISH)
+    use_language(ENGLISH_CODE)
 
 
 if __name__ == "__main__":

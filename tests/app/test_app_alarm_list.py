@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.app.alarms import LEAST_GAP_S, REPEAT_AFTER_S, AlarmBell, make_alarm_entries
+from topdress.console.app.alarms import MIN_BELL_GAP_S, RED_REPEAT_S, AlarmBell, make_alarm_entries
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.units import METRIC
 from topdress.console.services.sound import SoundPlayer
@@ -27,13 +27,13 @@ RINGS = {
     "red at once and again until it is acknowledged": (
         100.0,
         lambda t: (RED._replace(acknowledged=t >= 70.0),),
-        [0.0, REPEAT_AFTER_S, 2 * REPEAT_AFTER_S],
+        [0.0, RED_REPEAT_S, 2 * RED_REPEAT_S],
     ),
     "amber once": (200.0, lambda t: (AMBER,), [0.0]),
     "one ring for what comes within five seconds": (
         20.0,
         lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER),
-        [0.0, LEAST_GAP_S],
+        [0.0, MIN_BELL_GAP_S],
     ),
     "one that flutters is not heard each time": (
         30.0,
@@ -124,7 +124,7 @@ def test_an_alarm_strikes_three_times_and_a_caution_once():
     bell = AlarmBell()
     assert bell.count_strokes_due(0.0, (AMBER,)) == 1
     assert bell.count_strokes_due(6.0, (AMBER, RED)) == 3
-    assert bell.count_strokes_due(6.0 + REPEAT_AFTER_S, (AMBER, RED)) == 3, (
+    assert bell.count_strokes_due(6.0 + RED_REPEAT_S, (AMBER, RED)) == 3, (
         "again while nobody acknowledged it"
     )
     both = AlarmBell()

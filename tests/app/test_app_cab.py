@@ -13,7 +13,7 @@ from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.layers import MapLayer, find_colour_scale
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.run.page import LIGHTS_A_SIDE, LightBar, make_light_view
+from topdress.console.app.pages.run.page import LIGHTS_PER_SIDE, LightBar, make_light_view
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Do, Order
@@ -165,7 +165,7 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
     )
     view, text = seen(-1.2)
     assert (
-        view.lights == -LIGHTS_A_SIDE
+        view.lights == -LIGHTS_PER_SIDE
         and "1.20 m left of the line" in text
         and text.index("█") < text.index("┃")
     )
@@ -229,7 +229,7 @@ def test_the_edge_lies_beside_the_way_and_keeps_its_area():
     for right_m, side in ((0.0, 100.0), (-1.5, 97.0), (1.5, 103.0)):
         drive = driven(-right_m)  # anticlockwise: to the right is outside
         assert drive.is_closable and drive.closing_gap_m < 3.0
-        field, area_ha = make_driven_field(Ground(), drive.make_ring_deg())
+        field, area_ha = make_driven_field(Ground(), drive.make_edge_ring_deg())
         assert area_ha == pytest.approx(side * side / 1e4, rel=0.01)
         assert 4 <= len(field.boundary_m) <= 16, "corners that say nothing are left out"
 

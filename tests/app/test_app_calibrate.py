@@ -75,7 +75,7 @@ async def page(opened, pilot):
 async def test_one_press_of_the_key_turns_nothing(source, clock, pilot, page):
     await pilot.press("i")
     assert source.orders == []
-    assert "Keep it pressed" in page.runner.said
+    assert "Keep it pressed" in page.runner.standstill_reason
 
 
 async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(
@@ -301,7 +301,8 @@ async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, fram
         step_s=0.2,
     )
     assert (
-        page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
+        page.calibration.test.shaft_turns.revolutions == 0.0
+        and page.calibration.test.phase == "settle"
     )
 
 

@@ -120,7 +120,7 @@ async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_besid
                 for widget in page.query("#dia-left > *, #dia-right > *")
                 if widget.region.area
             ]
-            seen.append((page.see, visible))
+            seen.append((page.visible_view, visible))
             await pilot.press("v")
         assert seen == [
             ("causes", ["dia-causes"]),

@@ -20,7 +20,7 @@ from topdress.console.app.history import LiveHistory
 from topdress.console.app.pages.calibrate.curve import CurvePlot, CurveView
 from topdress.console.app.refresh_rates import RefreshTimer
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.app.widgets.panel import align_right, fit_width, spread_parts
+from topdress.console.app.widgets.panel import align_text_right, fit_text_width, spread_parts
 from topdress.console.app.widgets.tiles import draw_share_bar
 from topdress.console.scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
 from topdress.control.log_row import LogRow
@@ -51,11 +51,12 @@ def test_a_numeral_at_both_scales():
 @settings(max_examples=100, deadline=None)
 @given(st.text(alphabet="abc作业 °x", max_size=30), st.integers(0, 40))
 def test_texts_are_fitted_by_cells(text, width):
-    assert cell_len(fit_width(text, width)) == width
+    assert cell_len(fit_text_width(text, width)) == width
     if cell_len(text) <= width:
-        assert fit_width(text, width).startswith(text)
+        assert fit_text_width(text, width).startswith(text)
         assert (
-            align_right(text, width).endswith(text) and cell_len(align_right(text, width)) == width
+            align_text_right(text, width).endswith(text)
+            and cell_len(align_text_right(text, width)) == width
         )
 
 
@@ -257,7 +258,7 @@ def test_pace():
         1.0,
         0.3,
     ]
-    pace.hurry_up()
+    pace.make_due()
     assert pace.is_due(0.31)
 
 

@@ -619,6 +619,6 @@ async def test_what_was_before_this_console_is_learned(source, clock):
     )
     async with app.run_test(size=SIZE) as pilot:
         await settled(app, pilot)
-        assert [record.times for record in app.alarm_book.records] == [3]
+        assert [record.times for record in app.alarm_history.records] == [3]
         box = app.history.worked.box
         assert box is not None and box.east_m > 515.0

@@ -14,7 +14,7 @@ from topdress.console.app.screens.jump import (
     JumpScreen,
     choose_label_letters,
     find_click_places,
-    make_labels,
+    make_jump_labels,
 )
 from topdress.console.app.widgets.key_bar import KeyBar
 from topdress.console.app.widgets.status_line import PageBar
@@ -53,13 +53,14 @@ def test_no_label_has_a_letter_that_acts_on_the_machine():
     )
     every = frozenset(string.ascii_lowercase + string.digits)
     assert (
-        choose_label_letters({where: every for where in bound}) == "" and make_labels(5, "") == ()
+        choose_label_letters({where: every for where in bound}) == ""
+        and make_jump_labels(5, "") == ()
     )
 
 
 def test_no_label_begins_another():
     for count in (1, 3, 6, 7, 36, 37, 90):
-        made = make_labels(count, "eijpqv")
+        made = make_jump_labels(count, "eijpqv")
         assert len(set(made)) == count and len({len(one) for one in made}) == 1
 
 

@@ -10,7 +10,7 @@ import pytest
 from textual.widgets import Button
 from topdress.console import app as console_app
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm
-from topdress.console.app.type_ahead_guard import TYPING_PAUSE_S
+from topdress.console.app.type_ahead_guard import MAX_TYPING_PAUSE_S
 from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
@@ -64,7 +64,7 @@ async def test_after_a_pause_a_digit_begins_a_new_number(full, clock):
     async with full.run_test(size=(100, 30)) as pilot:
         _dialog, answers = await asked(full, pilot, names(13))
         await pilot.press("1")
-        clock.now_s += TYPING_PAUSE_S
+        clock.now_s += MAX_TYPING_PAUSE_S
         await pilot.press("3", "enter")
         assert answers == ["value 3"]
 

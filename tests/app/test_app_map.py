@@ -10,7 +10,13 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.map_image import DONE_ENTRY, LAID_ENTRY, PASSAGE, PLAN_ENTRY, make_image
+from topdress.console.app.map_image import (
+    DONE_ENTRY,
+    OVERLAY_ENTRY,
+    PASSAGE_ENTRY,
+    PLAN_ENTRY,
+    make_image,
+)
 from topdress.console.app.pages.map.map_pane import MapPane
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.replay_source import ReplaySource
@@ -188,15 +194,15 @@ async def test_what_is_no_such_file_is_said_in_one_line(app, shown):
 
 
 async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(app, pilot, pane):
-    app.page.lay_file("/logs/autumn.geojson")
+    app.page.overlay_file("/logs/autumn.geojson")
     await settled(app, pilot)
     view = pane.view
     seen = make_image(view.worked, view.picture, view.scale, pane.make_grid(), True, view.laid)
     bare = make_image(view.worked, view.picture, view.scale, pane.make_grid(), True)
-    done = (bare >= DONE_ENTRY) & (bare < PLAN_ENTRY) | (bare == PASSAGE)
+    done = (bare >= DONE_ENTRY) & (bare < PLAN_ENTRY) | (bare == PASSAGE_ENTRY)
     assert (seen[done] == bare[done]).all()
-    assert (seen[~done] >= LAID_ENTRY).sum() > 100 and (
-        (seen[~done] >= PLAN_ENTRY) & (seen[~done] < LAID_ENTRY)
+    assert (seen[~done] >= OVERLAY_ENTRY).sum() > 100 and (
+        (seen[~done] >= PLAN_ENTRY) & (seen[~done] < OVERLAY_ENTRY)
     ).any()
 
 

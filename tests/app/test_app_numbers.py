@@ -370,7 +370,7 @@ async def test_a_catch_that_differs_grossly_is_asked_again(
         page = app.page
         assert isinstance(page, CalibrateScreen) and isinstance(page.calibration, CatchCalibration)
         test = page.calibration.test
-        test.phase, test.turned, test._before_kg = (
+        test.phase, test.shaft_turns, test._before_kg = (
             "weigh",
             ShaftTurns(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0),
             before_kg,

@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.app.terminal import STALLED_S, TerminalPulse
+from topdress.console.app.terminal import MAX_STALL_S, TerminalPulse
 from topdress.console.link import Link
 from topdress.console.running import WorkerAddress
 from topdress.drivers.plain_text import remove_control_characters
@@ -128,7 +128,7 @@ def test_one_that_stands_is_noticed_and_one_that_goes_on_too(terminal):
     for now_s[0] in (0.1, 10.0):
         assert takes()
     fill(far)
-    now_s[0] += STALLED_S
+    now_s[0] += MAX_STALL_S
     assert takes(), "so long any terminal may draw"
     now_s[0] += 0.1
     assert not takes()

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 import textual
 from rich.cells import cell_len
-from topdress.console.app.app import LATE_MODULES, WIDE_CHARACTER, TopdressApp
+from topdress.console.app.app import PRELOADED_MODULES, WIDE_CHARACTER, TopdressApp
 from topdress.console.app.pages.all import SCREEN_CLASSES
 from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
@@ -107,7 +107,7 @@ async def ready(app, pilot, *wanted):
         app.pages.import_page(where)
         app.pages[where]
     app.services.make_late_services()
-    for module in LATE_MODULES:
+    for module in PRELOADED_MODULES:
         import_module(module)
     cell_len(WIDE_CHARACTER)
     # what a page reads in threads of its own is there
@@ -193,7 +193,7 @@ async def test_a_job_that_was_cut_off_is_looked_for_beside_the_screen(app):
     async with app.run_test(size=SIZE) as pilot:
         await ready(app, pilot)
         LOOKS.begin()
-        app.ask_to_go_on(app.services.job)
+        app.ask_to_resume_job(app.services.job)
         seen = LOOKS.end()
     assert seen == []
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.pages.replay.service import LogFile, ReplayJob, WhatIf
-from topdress.console.app.replay_source import FASTEST, SLOWEST, ReplaySource
+from topdress.console.app.replay_source import MAX_PLAY_SPEED, MIN_PLAY_SPEED, ReplaySource
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.app.widgets.field_map import FieldMap
@@ -28,7 +28,7 @@ SIZE = (100, 30)
 
 
 def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
-    replay_source.play_on()
+    replay_source.start_playing()
     clock.now_s += 1.0
     assert replay_source.newest.row.time_s == pytest.approx(1.0)
     clock.now_s += 0.19
@@ -41,13 +41,13 @@ def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1000.0])
 def test_it_plays_as_fast_as_it_is_told(replay_source, clock, speed):
     replay_source.set_speed(speed)
-    replay_source.play_on()
+    replay_source.start_playing()
     clock.now_s += 0.05
     assert replay_source.at_s == pytest.approx(min(replay_source.end_s, 0.05 * speed))
 
 
 def test_a_change_of_speed_keeps_the_place(replay_source, clock):
-    replay_source.play_on()
+    replay_source.start_playing()
     clock.now_s += 4.0
     replay_source.set_speed(100.0)
     assert replay_source.at_s == pytest.approx(4.0)
@@ -57,19 +57,19 @@ def test_a_change_of_speed_keeps_the_place(replay_source, clock):
 
 def test_speeds_stay_between_a_tenth_and_a_thousand(replay_source):
     replay_source.set_speed(0.001)
-    assert replay_source.speed == SLOWEST
+    assert replay_source.speed == MIN_PLAY_SPEED
     replay_source.set_speed(1e9)
-    assert replay_source.speed == FASTEST
+    assert replay_source.speed == MAX_PLAY_SPEED
     replay_source.change_speed(1)
-    assert replay_source.speed == FASTEST
+    assert replay_source.speed == MAX_PLAY_SPEED
     replay_source.change_speed(-1)
     assert replay_source.speed == 500.0
 
 
 def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
-    replay_source.play_on()
+    replay_source.start_playing()
     clock.now_s += 2.0
-    replay_source.pause_here()
+    replay_source.pause_playing()
     clock.now_s += 50.0
     assert replay_source.at_s == pytest.approx(2.0)
     replay_source.step_rows(1)
@@ -81,7 +81,7 @@ def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
 
 
 def test_it_stops_at_the_end_and_plays_again_from_the_start(replay_source, clock):
-    replay_source.play_on()
+    replay_source.start_playing()
     clock.now_s += 1e6
     assert replay_source.is_at_end and replay_source.newest is replay_source.frames[-1]
     replay_source.toggle_playing()
@@ -104,9 +104,9 @@ def test_whatever_is_pressed_it_stays_inside_the_log(moves):
     for move, number in moves:
         match move:
             case "play":
-                source.play_on()
+                source.start_playing()
             case "pause":
-                source.pause_here()
+                source.pause_playing()
             case "seek":
                 source.seek_time(number)
             case "step":

@@ -9,7 +9,7 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.reasons import explain_not_ready
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
-from topdress.console.app.view import STALE_S, explain_rate
+from topdress.console.app.view import MAX_FRESH_AGE_S, explain_rate
 from topdress.console.app.widgets.alarm_bar import AlarmBar
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
@@ -41,7 +41,7 @@ async def test_values_older_than_a_second_are_grey_and_said(
 ):
     rates = app.page.query_one("#rates", RatesPanel)
     assert not rates.view.target.stale
-    clock.now_s += STALE_S - 0.05
+    clock.now_s += MAX_FRESH_AGE_S - 0.05
     app.show_newest()
     assert not rates.view.target.stale
     await later(app, pilot, 0.25)
@@ -419,7 +419,7 @@ async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown)
 
 
 async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
-    monkeypatch.setattr("topdress.console.app.app.NUMBERS_S", 3600.0)
+    monkeypatch.setattr("topdress.console.app.app.NUMBERS_PERIOD_S", 3600.0)
     source = StillSource(None)
     app = TopdressApp(source, utc_offset_s=0.0)
     async with app.run_test(size=(100, 30)) as pilot:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.coverage_raster import CELL_KINDS, Spot, WorkedGround, make_spot
+from topdress.console.app.coverage_raster import CELL_KIND_COUNT, Spot, WorkedGround, make_spot
 from topdress.console.app.pages.run.keys import list_allow_choices
 from topdress.console.app.pages.run.section_bar import list_section_choices, list_section_parts
 from topdress.console.app.words import SECTION_NAMES
@@ -90,7 +90,7 @@ def test_the_map_keeps_strips_of_what_was_open(frames):
         ]
     )
     planes = worked.sum_window(1.0, 0, 0, 3, 10)
-    assert planes[CELL_KINDS, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
+    assert planes[CELL_KIND_COUNT, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
     row = frames[-1].row._replace(sections_cmd="1;0;1")
     assert make_spot(replace(frames[-1], row=row)).open_bits == 5.0
     assert make_spot(frames[-1]).open_bits == -1.0

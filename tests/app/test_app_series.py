@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.console.app.channels import CHANNELS, RATE_ERROR, find_value, list_values
+from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID, find_value, list_values
 from topdress.console.app.pages.trends.plots import round_axis_ends
 from topdress.console.app.series import (
-    KEPT_BUCKETS,
-    WIDTHS_S,
+    BUCKET_WIDTHS_S,
+    BUCKETS_PER_LEVEL,
     LogSeries,
     SeriesPyramid,
     summarise_stretch,
@@ -30,7 +30,7 @@ def frame(time_s: float, ndvi: float | None) -> Frame:
 
 
 def test_every_number_of_a_log_row_can_be_plotted():
-    assert {channel.id for channel in CHANNELS} - {RATE_ERROR} == set(COLUMNS) - TEXT_COLUMNS - {
+    assert {channel.id for channel in CHANNELS} - {RATE_ERROR_ID} == set(COLUMNS) - TEXT_COLUMNS - {
         "time_s",
         *NDRE_COLUMNS,
     }
@@ -43,8 +43,8 @@ def test_every_number_of_a_log_row_can_be_plotted():
         satellites=9,
     )
     assert (find_value(row, "ndvi"), find_value(row, "satellites")) == (0.4, 9.0)
-    assert find_value(row, RATE_ERROR) == pytest.approx(10.0)
-    assert isnan(find_value(row._replace(state="held"), RATE_ERROR)) and isnan(
+    assert find_value(row, RATE_ERROR_ID) == pytest.approx(10.0)
+    assert isnan(find_value(row._replace(state="held"), RATE_ERROR_ID)) and isnan(
         find_value(row, "hopper_kg")
     )
     assert len(list_values(row)) == len(CHANNELS)
@@ -105,7 +105,7 @@ def test_eight_hours_and_more_are_held_in_the_same_memory():
             seen.time_s[0] <= pyramid.end_s - span_s + 64.0
             and seen.time_s[-1] > pyramid.end_s - 64.0
         )
-        assert len(seen.time_s) <= 2 * KEPT_BUCKETS
+        assert len(seen.time_s) <= 2 * BUCKETS_PER_LEVEL
 
 
 def test_a_short_span_shows_single_rows_and_a_long_one_wide_buckets():
@@ -115,7 +115,10 @@ def test_a_short_span_shows_single_rows_and_a_long_one_wide_buckets():
     short = pyramid.find_stretch("ndvi", 1590.0, 1600.0, 100)
     assert np.array_equal(short.low, short.high) and len(short.time_s) == pytest.approx(50, abs=2)
     long = pyramid.find_stretch("ndvi", 0.0, 1600.0, 100)
-    assert np.diff(long.time_s).max() == pytest.approx(WIDTHS_S[3]) and (long.high > long.low).all()
+    assert (
+        np.diff(long.time_s).max() == pytest.approx(BUCKET_WIDTHS_S[3])
+        and (long.high > long.low).all()
+    )
 
 
 def test_where_the_fine_buckets_were_dropped_coarser_ones_answer():

@@ -418,8 +418,8 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
                 while app.screen is not app.page:
                     app.pop_screen()
                 await turned(app, pilot, where)
-        assert source.orders == [] and app.looking
-        app.looking = False
+        assert source.orders == [] and app.is_view_only
+        app.is_view_only = False
         app.page.refresh_all_next_tick()
         app.show_newest()
         await turned(app, pilot, "run")

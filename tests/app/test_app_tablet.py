@@ -109,14 +109,14 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         await pilot.press("s")
         assert isinstance(app.screen, KeyDialog) and source.orders == []
         await pilot.press(*"wrong", "enter")
-        assert "This is not the tablet's key." in "\n".join(shown(app)) and app.looking
+        assert "This is not the tablet's key." in "\n".join(shown(app)) and app.is_view_only
         assert "wrong" not in "\n".join(shown(app)).replace("Wrong", "")
         app.clock.now_s += 2.0
         for _letter in "wrong":
             await pilot.press("backspace")
         await pilot.press(*"abcd2345", "enter")
         await until(pilot, lambda: app.links)
-        assert not app.looking and app.links == [True]
+        assert not app.is_view_only and app.links == [True]
         app.show_newest()
         await pilot.press("s")
         assert [order.do for order in source.orders] == [Do.START]
@@ -131,7 +131,7 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
 async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
     app = tab()
     async with app.run_test(size=(128, 36)) as pilot:
-        app.looking = False
+        app.is_view_only = False
         app.page.refresh_all_next_tick()
         app.show_newest()
         bar = app.page.query_one(KeyBar)
@@ -155,7 +155,7 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
 async def test_a_tablet_on_end_uses_its_height_and_cuts_nothing(tab, page, under, rows, looking):
     app = tab()
     async with app.run_test(size=(65, 43)) as pilot:
-        app.looking = looking
+        app.is_view_only = looking
         app.page.refresh_all_next_tick()
         app.show_newest()
         await turned(app, pilot, page)
@@ -173,12 +173,12 @@ async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):
         await pilot.press(*"2345")
         clock.now_s += 1.1
         await pilot.pause(1.3)
-        assert app.looking, "half of a key"
+        assert app.is_view_only, "half of a key"
         app.key.find_fault("guess of another tab")
         await pilot.press("enter")
-        assert app.looking and app.key.wait_left_s
+        assert app.is_view_only and app.key.wait_left_s
         clock.now_s += 10.0
-        await until(pilot, lambda: not app.looking)
+        await until(pilot, lambda: not app.is_view_only)
         assert not isinstance(app.screen, KeyDialog)
 
 
@@ -190,7 +190,7 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
         assert "The console on the machine is not running" in text and "start it again" not in text
         await pilot.press("1", "enter")
         await until(pilot, lambda: app.links)
-        assert app.links == [False] and app.looking
+        assert app.links == [False] and app.is_view_only
 
 
 def test_wrong_keys_make_one_wait_longer_each_time(clock):

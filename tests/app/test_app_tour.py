@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.tour import READING_S, TOUR_STEPS, Tour
+from topdress.console.app.tour import STEP_READING_TIME_S, TOUR_STEPS, Tour
 from topdress.console.app.widgets.status_line import TourBar
 
 SIZE = (120, 40)
@@ -29,7 +29,7 @@ def test_every_step_waits_for_its_deed_and_the_last_ends_it(frame_of):
     deeds = [
         ({"state": "ready"}, "run", 1.0),
         ({"state": "working", "applied_kg_ha": 300.0}, "run", 1.0),
-        ({"state": "working"}, "run", READING_S + 1.0),
+        ({"state": "working"}, "run", STEP_READING_TIME_S + 1.0),
         ({"state": "working", "strategy": "speed_first"}, "run", 1.0),
         ({"state": "working", "strategy": "speed_first"}, "map", 1.0),
         ({"state": "held"}, "map", 1.0),

@@ -6,10 +6,10 @@ from __future__ import annotations
 from math import cos, radians
 
 import pytest
-from topdress.console.app.held_key import FIRST_REPEAT_S, REPEAT_GAP_S, HeldKey
-from topdress.console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchRun
+from topdress.console.app.held_key import MAX_FIRST_REPEAT_S, MAX_REPEAT_GAP_S, HeldKey
+from topdress.console.app.pages.calibrate.catch import MIN_CATCH_REVOLUTIONS, CatchRun
 from topdress.console.app.pages.calibrate.heads_calibration import CHECK_DURATION_S, HeadsCheck
-from topdress.console.app.pages.calibrate.wheel import LEAST_DRIVE_M, WheelRun, WheelSample
+from topdress.console.app.pages.calibrate.wheel import MIN_DRIVE_M, WheelRun, WheelSample
 
 
 def test_one_press_turns_nothing_and_a_held_key_runs_until_it_is_let_go():
@@ -19,16 +19,16 @@ def test_one_press_turns_nothing_and_a_held_key_runs_until_it_is_let_go():
     for index in range(20):
         held.note_key(0.5 + 0.04 * index)
     last_s = 0.5 + 0.04 * 19
-    assert held.is_down(last_s + REPEAT_GAP_S - 0.01)
-    assert not held.is_down(last_s + REPEAT_GAP_S + 0.01)
+    assert held.is_down(last_s + MAX_REPEAT_GAP_S - 0.01)
+    assert not held.is_down(last_s + MAX_REPEAT_GAP_S + 0.01)
     assert not held.is_down(last_s + 0.1), "what was let go stays so"
 
 
 def test_two_presses_far_apart_are_two_single_presses():
     held = HeldKey()
     held.note_key(0.0)
-    held.note_key(FIRST_REPEAT_S + 0.1)
-    assert not held.is_down(FIRST_REPEAT_S + 0.15) and held.is_armed
+    held.note_key(MAX_FIRST_REPEAT_S + 0.1)
+    assert not held.is_down(MAX_FIRST_REPEAT_S + 0.15) and held.is_armed
 
 
 def test_a_mouse_button_runs_at_once_and_stops_at_once():
@@ -73,10 +73,10 @@ def exact_revolutions(seconds, rpm):
 def test_revolutions_are_counted_to_a_fiftieth(rpm, seconds):
     test = CatchRun(rpm, 30.0)
     end_s = turn(test, 0.0, 6.0, rpm)
-    assert test.phase == "weigh" and test.turned.revolutions == 0.0
+    assert test.phase == "weigh" and test.shaft_turns.revolutions == 0.0
     turn(test, end_s, seconds, rpm)
-    assert test.turned.revolutions == pytest.approx(exact_revolutions(seconds, rpm), abs=0.04)
-    test.add_weighed(5.0)
+    assert test.shaft_turns.revolutions == pytest.approx(exact_revolutions(seconds, rpm), abs=0.04)
+    test.add_weighed_catch(5.0)
     point = test.points[0]
     assert point.revolutions == pytest.approx(exact_revolutions(seconds, rpm), abs=0.04)
     assert point.shaft_rpm == pytest.approx(rpm, rel=0.02), "the ramps hardly count"
@@ -94,21 +94,21 @@ def test_frames_that_were_missed_are_not_counted():
     turn(test, 0.0, 6.0, 60.0)
     test.add_frame(100.0, 60.0, 30.0, 100.0, True)
     test.add_frame(110.0, 60.0, 30.0, 100.0, True)
-    assert test.turned.revolutions == 0.0
+    assert test.shaft_turns.revolutions == 0.0
 
 
 def test_another_setting_settles_anew_and_keeps_the_points():
     test = CatchRun(70.0, 30.0)
     end_s = turn(test, 0.0, 6.0, 70.0)
     end_s = turn(test, end_s, 20.0, 70.0)
-    test.add_weighed(4.0)
-    assert test.phase == "weigh" and test.turned.revolutions == 0.0
+    test.add_weighed_catch(4.0)
+    assert test.phase == "weigh" and test.shaft_turns.revolutions == 0.0
     test.change_setting(opening_mm=40.0)
     assert test.phase == "settle" and len(test.points) == 1
     test.change_setting(opening_mm=40.0)
     turn(test, end_s, 6.0, 70.0, 40.0)
     assert test.phase == "weigh"
-    assert LEAST_REVOLUTIONS > 0 and not test.can_weigh
+    assert MIN_CATCH_REVOLUTIONS > 0 and not test.can_weigh
 
 
 def test_the_hopper_scale_says_about_what_left_in_the_catch_alone():
@@ -189,7 +189,7 @@ def test_both_ways_are_measured():
 
 @pytest.mark.parametrize(
     ("run", "trouble"),
-    [(lambda: straight(150.0, bend_m=4.0), "bent"), (lambda: straight(LEAST_DRIVE_M - 5.0), "")],
+    [(lambda: straight(150.0, bend_m=4.0), "bent"), (lambda: straight(MIN_DRIVE_M - 5.0), "")],
 )
 def test_a_bent_or_short_drive_is_not_enough(run, trouble):
     got = run()

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.console.app.camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.coverage_raster import (
-    CELL_KINDS,
-    CELL_PLANES,
-    CELLS_M,
+    CELL_KIND_COUNT,
+    CELL_PLANE_COUNT,
+    CELL_SIZES_M,
     Box,
     Spot,
     WorkedGround,
@@ -25,11 +25,11 @@ from topdress.console.app.history import LiveHistory, LogHistory
 from topdress.console.app.layers import MapLayer, find_colour_scale
 from topdress.console.app.map_image import (
     DONE_ENTRY,
-    EMPTY,
-    GLOW_ENTRY,
-    MOST_CELL_SHARE,
-    PASSAGE,
+    EMPTY_ENTRY,
+    MAX_CELL_PIXEL_SHARE,
+    PASSAGE_ENTRY,
     PLAN_ENTRY,
+    TRAIL_ENTRY,
     GroundPixels,
     choose_two_colours,
     find_next_passes,
@@ -140,7 +140,7 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
     pixels = PixelGrid(
         size, size, metres, -20.0 // metres * metres, 105.0 // metres * metres + metres
     )
-    if metres < CELLS_M[0]:
+    if metres < CELL_SIZES_M[0]:
         seen = GroundPixels(worked, pixels)
         assert set(
             np.unique(
@@ -157,11 +157,11 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
         }
         return
     planes, finest = (
-        GroundPixels(worked, pixels).sum_planes(*range(CELL_PLANES)),
+        GroundPixels(worked, pixels).sum_planes(*range(CELL_PLANE_COUNT)),
         worked.sum_window(0.5, -40, -48, 260, 260),
     )
     assert planes.sum(axis=(1, 2)) == pytest.approx(finest.sum(axis=(1, 2)), rel=1e-5)
-    assert planes[CELL_KINDS].sum() > 0
+    assert planes[CELL_KIND_COUNT].sum() > 0
 
 
 @pytest.mark.parametrize("metres", [0.25, 1.0, 1.5, 2.0, 3.0, 7.5])
@@ -171,7 +171,7 @@ def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
     east."""
     worked = WorkedGround(width_m=0.3)
     worked.add_spots([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
-    cell_m = worked.choose_cell_m(MOST_CELL_SHARE * metres)
+    cell_m = worked.choose_cell_m(MAX_CELL_PIXEL_SHARE * metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
     pixels = MapCamera(0.0, 6.0, metres).make_grid(20, 80)
     lit = np.argwhere(~np.isnan(GroundPixels(worked, pixels).calc_means(MapLayer.APPLIED)))
@@ -229,7 +229,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert seen[11 - 2, 2 + 2] == DONE_ENTRY + COLOUR_STEPS - 1
     assert seen[11 - 2, 1 + 2] == PLAN_ENTRY, "100 kg/ha, the lowest"
     assert seen[11 - 2, 7 + 2] == PLAN_ENTRY + round(0.5 * (COLOUR_STEPS - 1))
-    assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
+    assert seen[11 - 7, 7 + 2] == EMPTY_ENTRY, "the plan says nothing there"
     assert seen[11 - 2, 0 + 2] >= PLAN_ENTRY, "the line hides no ground"
     dots = rasterise_lines(
         ((*ring, ring[0]) for ring in PICTURE.rings_m), PixelGrid(14, 14, 1.0, -2.0, 12.0)
@@ -240,7 +240,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert all(int(bits).bit_count() <= 4 for bits in dots[2:5].ravel()), "a dot wide"
     assert (
         make_image(worked, PICTURE, scale, PixelGrid(14, 14, 1.0, -2.0, 12.0), plan=False)[9, 3]
-        == EMPTY
+        == EMPTY_ENTRY
     )
     error = make_image(
         worked,
@@ -248,7 +248,9 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
         find_colour_scale(MapLayer.ERROR, worked, PICTURE, METRIC),
         PixelGrid(14, 14, 1.0, -2.0, 12.0),
     )
-    assert error[9, 4] == DONE_ENTRY + round(0.5 * (COLOUR_STEPS - 1)) and error[9, 3] == EMPTY
+    assert (
+        error[9, 4] == DONE_ENTRY + round(0.5 * (COLOUR_STEPS - 1)) and error[9, 3] == EMPTY_ENTRY
+    )
 
 
 def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():
@@ -269,13 +271,13 @@ def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was
     )
     bare = seen.copy()
     mark_trail(seen, worked, pixels)
-    assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW_ENTRY - DONE_ENTRY).all() and (
+    assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + TRAIL_ENTRY - DONE_ENTRY).all() and (
         seen[:, 7:] == bare[:, 7:]
     ).all()
     near = pixels._replace(columns=40, rows=120, metres=0.5)
     seen = make_image(worked, None, find_colour_scale(MapLayer.APPLIED, worked, None, METRIC), near)
     mark_trail(seen, worked, near)
-    assert (seen[2 * 30 : 2 * 49, 2 * 5 : 2 * 7] >= GLOW_ENTRY).all(), (
+    assert (seen[2 * 30 : 2 * 49, 2 * 5 : 2 * 7] >= TRAIL_ENTRY).all(), (
         "without gaps between the frames"
     )
     worked.add_spots(
@@ -404,7 +406,7 @@ def test_where_nothing_was_spread_only_the_passage_is_seen():
     scale = find_colour_scale(MapLayer.APPLIED, worked, None, METRIC)
     assert (
         make_image(worked, None, scale, PixelGrid(1, 3, 1.0, 0.0, 3.0)).ravel().tolist()
-        == [PASSAGE] * 3
+        == [PASSAGE_ENTRY] * 3
     )
 
 
@@ -453,9 +455,9 @@ def test_the_plan_s_mass_and_the_rate_at_a_place():
     st.integers(0, 16),
 )
 def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
-    from topdress.console.app.camera import SCALES_M
+    from topdress.console.app.camera import PIXEL_SIZES_M
 
-    pixels = MapCamera(east, north, SCALES_M[scale]).make_grid(columns, rows)
+    pixels = MapCamera(east, north, PIXEL_SIZES_M[scale]).make_grid(columns, rows)
     column, row = pixels.find_pixel(east, north)
     assert 0 <= column < columns and 0 <= row < rows
     assert pixels.find_pixel(*pixels.find_middle(column, row)) == (column, row)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import typer
 from topdress.console.app.pages.diagnosis import shown
-from topdress.console.app.pages.diagnosis.adoption import find_offer, list_sure
+from topdress.console.app.pages.diagnosis.adoption import find_offer, list_decided_ids
 from topdress.console.app.pages.diagnosis.service import DiagnosisView
 from topdress.console.app.pages.diagnosis.words import find_adopted_title
 from topdress.console.cli.diagnose import adopt_findings
@@ -187,7 +187,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     )
     found = build_from_plain(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
-    offer = find_offer(found, list_sure(found))
+    offer = find_offer(found, list_decided_ids(found))
     assert offer is not None and offer.changes
     new = load_config(str(tmp_path / offer.file), MACHINE).model
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)

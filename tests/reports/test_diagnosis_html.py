@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from topdress.console.app.pages.diagnosis import shown
 from topdress.console.app.units import METRIC
-from topdress.console.locale import ENGLISH, use_language
+from topdress.console.locale import ENGLISH_CODE, use_language
 from topdress.console.reports import html
 from topdress.console.reports.diagnosis_html import make_diagnosis_page
 from topdress.console.reports.diagnosis_text import summarise_terminal
@@ -467,9 +467,9 @@ GATE = Size(0.8, 0.6, 1.0, "mm")
 
 @pytest.fixture(autouse=True)
 def english() -> Iterator[None]:
-    use_language(ENGLISH)
+    use_language(ENGLISH_CODE)
     yield
-    use_language(ENGLISH)
+    use_language(ENGLISH_CODE)
 
 
 def spoken(found: Diagnosis) -> dict[str, str]:

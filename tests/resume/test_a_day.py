@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from topdress.console.app.coverage_raster import CELLS_M, MOST_TILES
-from topdress.console.app.history import TREND_POINTS, LiveHistory
+from topdress.console.app.coverage_raster import CELL_SIZES_M, MAX_TILES
+from topdress.console.app.history import MAX_TREND_POINTS, LiveHistory
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_ground import TRACK_PLACES, DoneGround
+from topdress.console.worker.resume_ground import MAX_TRACK_PLACES, DoneGround
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
 from topdress.control.field.coverage import Coverage
@@ -76,8 +76,8 @@ def test_the_console_remembers_no_more_of_twelve_hours():
                 row=frame.row._replace(time_s=float(time_s), heading_deg=heading),
             )
         )
-    assert len(history.points) == TREND_POINTS and history.series.memory_bytes == before < 25e6
-    assert history.worked.tile_count <= MOST_TILES * len(CELLS_M)
+    assert len(history.points) == MAX_TREND_POINTS and history.series.memory_bytes == before < 25e6
+    assert history.worked.tile_count <= MAX_TILES * len(CELL_SIZES_M)
     assert history.series.start_s == 0.0, "the whole day is on the trend"
 
 
@@ -91,7 +91,7 @@ def test_the_worker_s_ground_grows_with_the_ground_alone():
     hectares = own.covered_area.area_ha
     assert hectares == pytest.approx(DAY_S * SPEED_MPS * WIDTH_M / 1e4, rel=0.02)
     kept_mb = [len(pickle.dumps(one)) / 1e6 for one in (done, own)]
-    assert sum(kept_mb) < MB_A_HECTARE * hectares + EDGES_MB and len(done.track) <= TRACK_PLACES
+    assert sum(kept_mb) < MB_A_HECTARE * hectares + EDGES_MB and len(done.track) <= MAX_TRACK_PLACES
     for time_s in np.arange(0.0, DAY_S / 4.0, 3.0):
         at, heading = place(time_s)
         own.extend_to(at, heading, True)

@@ -83,7 +83,7 @@ def test_the_field_is_known_by_its_place(tmp_path, field, goes_on):
 
 
 def test_what_was_cut_off_before_anything_landed_is_where_it_stood(tmp_path):
-    kept(tmp_path, worked=True, ground=resume.NOTHING_DONE, sums=TotalSums(), place_m=(5.0, 5.0))
+    kept(tmp_path, worked=True, ground=resume.EMPTY_RASTER, sums=TotalSums(), place_m=(5.0, 5.0))
     assert len(find_jobs_here(tmp_path, job(), True, NOW)) == 1
     assert not find_jobs_here(tmp_path, job((34.9, 119.9)), True, NOW)
 

@@ -15,13 +15,13 @@ from topdress.console.worker import resume
 from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.host import Host
 from topdress.console.worker.options import Options, parse_options
-from topdress.console.worker.requests import Question
+from topdress.console.worker.requests import ClientQuestion
 from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 from topdress.console.worker.resume_assemble import find_job_to_continue
 from topdress.console.worker.resume_ground import (
-    NOTHING_DONE,
-    TRACK_PLACES,
+    EMPTY_RASTER,
+    MAX_TRACK_PLACES,
     DoneGround,
     join_rasters,
     pack_raster,
@@ -498,7 +498,7 @@ def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
 @pytest.mark.exam
 def test_a_job_goes_on_after_a_quit_too(tmp_path):
     """Nothing was cut off, and nothing fell after the last row; the ground is done all the same."""
-    frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Question.QUIT})
+    frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: ClientQuestion.QUIT})
     path = resume.make_snapshot_path(parts.writer.path)
     kept = resume.read_snapshot(path)
     assert kept.quit and kept.is_worth_resuming and left(tmp_path)[0] == path
@@ -694,17 +694,19 @@ def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
 
 def test_a_long_day_is_thinned_not_forgotten():
     done = DoneGround(MACHINE)
-    for k in range(int(TRACK_PLACES * 1.5)):
+    for k in range(int(MAX_TRACK_PLACES * 1.5)):
         done.add_outlet_place(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
     norths = [spot[1] for spot in done.track]
     assert (
-        len(norths) <= TRACK_PLACES and norths[0] < 5.0 and norths[-1] > TRACK_PLACES * 1.5 - 10.0
+        len(norths) <= MAX_TRACK_PLACES
+        and norths[0] < 5.0
+        and norths[-1] > MAX_TRACK_PLACES * 1.5 - 10.0
     )
 
 
 def test_an_empty_raster_joins_with_anything():
     some = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=np.bool_))
-    assert join_rasters(NOTHING_DONE, some) is some and join_rasters(some, NOTHING_DONE) is some
+    assert join_rasters(EMPTY_RASTER, some) is some and join_rasters(some, EMPTY_RASTER) is some
 
 
 def test_parts_too_far_apart_for_one_picture_give_the_newer_one():

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from topdress.console.app.tablet import MOST_WAIT_S, TabletKey
+from topdress.console.app.tablet import MAX_KEY_WAIT_S, TabletKey
 from topdress.console.cli import serve as serve_command
 from topdress.console.cli import tablet
 from topdress.console.cli.plain_errors import CommandError
@@ -41,10 +41,10 @@ aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed"
 from topdress.console.serve import server as server_module  # noqa: E402
 from topdress.console.serve import tab as tab_module  # noqa: E402
 from topdress.console.serve.server import (  # noqa: E402
-    MESSAGE_BYTES,
-    MOST_COLUMNS,
-    MOST_ROWS,
-    MOST_TABS,
+    MAX_MESSAGE_BYTES,
+    MAX_TAB_COLUMNS,
+    MAX_TAB_ROWS,
+    MAX_TABS,
     MessageThrottle,
     TabletServer,
     is_host_allowed,
@@ -259,7 +259,7 @@ def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
 async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
     where = WorkerAddress(1, "secret", 1)
     app = tablet.make_tab_app(where, "abcd2345")
-    assert app.looking and app.source.where.token is None
+    assert app.is_view_only and app.source.where.token is None
     assert (await tablet.make_tab_link(False, lambda: where)).where.token is None
     assert (await tablet.make_tab_link(True, lambda: where)).where.token == "secret"
     with pytest.raises(WorkerFailed, match="The console on the machine is not running"):
@@ -304,12 +304,12 @@ class Said:
 @pytest.mark.parametrize(
     ("width", "height", "told"),
     [
-        ("1e9", "1e9", (MOST_COLUMNS, MOST_ROWS)),
+        ("1e9", "1e9", (MAX_TAB_COLUMNS, MAX_TAB_ROWS)),
         ("-5", "0", (1, 1)),
         ('"x"', "null", (80, 24)),
         ("[]", "{}", (80, 24)),
         ("1e400", "NaN", (80, 24)),
-        ("9" * 300, "40", (MOST_COLUMNS, 40)),
+        ("9" * 300, "40", (MAX_TAB_COLUMNS, 40)),
     ],
 )
 async def test_a_window_stays_bounded_after_the_first_message_too(width, height, told):
@@ -376,7 +376,7 @@ async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
         '["resize", 7]': 1008,
         '["stdin"]': 1008,
         '["resize", {}]': 1008,
-        f'["stdin", "{"x" * MESSAGE_BYTES}"]': 1009,
+        f'["stdin", "{"x" * MAX_MESSAGE_BYTES}"]': 1009,
     }
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
         other = await session.ws_connect(address)
@@ -402,10 +402,10 @@ async def test_no_more_tabs_than_the_computer_carries_counted_until_they_have_en
     before them."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        tabs = [await session.ws_connect(address) for _ in range(MOST_TABS)]
+        tabs = [await session.ws_connect(address) for _ in range(MAX_TABS)]
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
             await session.ws_connect(address)
-        while len(pids := group(server)) < 3 * MOST_TABS:  # shell and two sleeps each
+        while len(pids := group(server)) < 3 * MAX_TABS:  # shell and two sleeps each
             await asyncio.sleep(0.02)
         closed_s = time.monotonic()
         for tab in tabs:
@@ -423,9 +423,9 @@ async def test_ctrl_c_ends_all_consoles_within_two_seconds():
     """Told one after the other, and each waited for, it took 12 s."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        for _ in range(MOST_TABS):
+        for _ in range(MAX_TABS):
             await session.ws_connect(address)
-        while len(pids := group(server)) < 3 * MOST_TABS:
+        while len(pids := group(server)) < 3 * MAX_TABS:
             await asyncio.sleep(0.02)
         began_s = time.monotonic()
         await server.on_shutdown(None)
@@ -443,8 +443,8 @@ async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
     short."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        tabs = [await session.ws_connect(address) for _ in range(MOST_TABS)]
-        while len(group(server)) < 3 * MOST_TABS:
+        tabs = [await session.ws_connect(address) for _ in range(MAX_TABS)]
+        while len(group(server)) < 3 * MAX_TABS:
             await asyncio.sleep(0.02)
         reading = [] if asleep else [asyncio.create_task(tab.receive()) for tab in tabs]
         await server.on_shutdown(None)
@@ -549,7 +549,7 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
         assert tab("192.168.1.7").find_fault("right") == "", "the owner, elsewhere"
         assert tab("::ffff:192.168.1.66").wait_left_s is None
         owner = tab("192.168.1.66")  # behind the same tunnel
-        assert "wait" in owner.find_fault("right") and owner.wait_left_s <= MOST_WAIT_S
+        assert "wait" in owner.find_fault("right") and owner.wait_left_s <= MAX_KEY_WAIT_S
         now_s[0] += owner.wait_left_s / 2.0
         other = tab("192.168.1.66")
         assert "wait" in other.find_fault("again"), "who comes later waits too"
@@ -683,11 +683,11 @@ def test_what_the_server_says_fills_no_disk():
     heard = [said("out of files") for _ in range(10_000)]
     assert (
         heard[0] == ("out of files", None)
-        and sum(map(bool, heard)) == server_module.LOG_LINES_A_MINUTE
+        and sum(map(bool, heard)) == server_module.MAX_LOG_LINES_PER_MIN
     )
     now_s[0] = 61.0
     assert said("again") == (
-        f"again ({10_000 - server_module.LOG_LINES_A_MINUTE} more before it)",
+        f"again ({10_000 - server_module.MAX_LOG_LINES_PER_MIN} more before it)",
         None,
     )
 

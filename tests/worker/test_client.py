@@ -11,7 +11,7 @@ import pytest
 from topdress.console.link import ComingLink
 from topdress.console.running import WorkerAddress, WorkerFailed
 from topdress.console.worker.client import Client, RefusalQuota
-from topdress.console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
+from topdress.console.worker.limits import MAX_LINE_BYTES, MAX_REFUSALS, REFUSAL_RECOVERY_S
 from topdress.control.orders import Do, Order
 
 
@@ -61,24 +61,26 @@ def test_lines_before_the_end_of_a_connection_are_taken(pair):
     client, far = pair
     sent(far, b"one\ntwo\nthree\n")
     far.close()
-    assert client.take_lines(1, LINE_BYTES) == [b"one"] and not client.gone
-    assert client.take_lines(9, LINE_BYTES) == [b"two", b"three"] and not client.gone
-    assert client.take_lines(9, LINE_BYTES) == [] and client.gone
+    assert client.take_lines(1, MAX_LINE_BYTES) == [b"one"] and not client.gone
+    assert client.take_lines(9, MAX_LINE_BYTES) == [b"two", b"three"] and not client.gone
+    assert client.take_lines(9, MAX_LINE_BYTES) == [] and client.gone
 
 
 def test_so_many_refusals_at_once_then_one_a_while():
     patience = RefusalQuota(0.0)
-    assert [patience.spend_refusal(0.0) for _ in range(REFUSALS + 2)] == [True] * REFUSALS + [
+    assert [patience.spend_refusal(0.0) for _ in range(MAX_REFUSALS + 2)] == [
+        True
+    ] * MAX_REFUSALS + [
         False,
         False,
     ]
-    assert not patience.spend_refusal(0.9 * REFUSAL_AGAIN_S) and patience.spend_refusal(
-        1.0 * REFUSAL_AGAIN_S
+    assert not patience.spend_refusal(0.9 * REFUSAL_RECOVERY_S) and patience.spend_refusal(
+        1.0 * REFUSAL_RECOVERY_S
     )
-    assert not patience.spend_refusal(1.5 * REFUSAL_AGAIN_S)
-    assert [patience.spend_refusal(1000.0) for _ in range(REFUSALS + 1)] == [True] * REFUSALS + [
-        False
-    ]
+    assert not patience.spend_refusal(1.5 * REFUSAL_RECOVERY_S)
+    assert [patience.spend_refusal(1000.0) for _ in range(MAX_REFUSALS + 1)] == [
+        True
+    ] * MAX_REFUSALS + [False]
 
 
 # --- The console's end of a worker that is still coming up

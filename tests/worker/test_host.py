@@ -9,7 +9,7 @@ import pytest
 from topdress.console.frame import DeviceDo
 from topdress.console.worker import limits
 from topdress.console.worker.host import FlickerFilter
-from topdress.console.worker.requests import DeviceOrder, Question
+from topdress.console.worker.requests import ClientQuestion, DeviceOrder
 from topdress.control.orders import Answer, Do, Order, SectionState
 from topdress.control.safety import Allowances
 
@@ -126,7 +126,7 @@ def test_the_console_age_is_handed_on_and_starts_anew_when_heard(rig):
 
 
 def test_nobody_for_sixty_seconds_is_off_and_exit(rig):
-    assert limits.ORPHAN_S == 60.0
+    assert limits.ORPHAN_TIMEOUT_S == 60.0
     r = rig(hz=1.0)
     ask(r, Order(Do.START))
     assert r.host.run_until_stopped() == "orphaned"
@@ -237,7 +237,11 @@ def test_orders_are_answered_by_the_next_tick(rig):
 
 def test_alive_stats_and_quit(rig):
     r = rig(hz=50.0)
-    alive, stats, quit_ = ask(r, Question.ALIVE), ask(r, Question.STATS), ask(r, Question.QUIT)
+    alive, stats, quit_ = (
+        ask(r, ClientQuestion.ALIVE),
+        ask(r, ClientQuestion.STATS),
+        ask(r, ClientQuestion.QUIT),
+    )
     assert r.host.run_until_stopped() == "asked to quit"
     assert alive == [(Answer(True), {})] and quit_ == [(Answer(True), {})]
     assert stats[0][1]["stats"]["hz"] == pytest.approx(50.0)
@@ -248,28 +252,30 @@ def test_requests_cannot_make_a_tick_long(rig):
     r = rig()
     said = []
     taken = [
-        r.host.queue_request(Question.ALIVE, lambda *_: said.append(1))
-        for _ in range(limits.REQUESTS_WAITING + 10)
+        r.host.queue_request(ClientQuestion.ALIVE, lambda *_: said.append(1))
+        for _ in range(limits.MAX_WAITING_REQUESTS + 10)
     ]
     assert taken.count(False) == 10
     r.host.run_one_tick(0.0)
-    assert len(said) == limits.REQUESTS_A_TICK
+    assert len(said) == limits.MAX_REQUESTS_PER_TICK
 
 
-@pytest.mark.parametrize("stop", [Order(Do.STOP), Order(Do.HOLD), Order(Do.RELEASE), Question.QUIT])
+@pytest.mark.parametrize(
+    "stop", [Order(Do.STOP), Order(Do.HOLD), Order(Do.RELEASE), ClientQuestion.QUIT]
+)
 def test_what_stops_the_machine_waits_behind_nothing(rig, stop):
     r = rig()
     ask(r, Order(Do.START))
     r.host.run_one_tick(0.0)
-    others = [ask(r, Order(Do.NUDGE, 1.0)) for _ in range(limits.REQUESTS_WAITING)]
+    others = [ask(r, Order(Do.NUDGE, 1.0)) for _ in range(limits.MAX_WAITING_REQUESTS)]
     stopped = ask(r, stop)  # `ask` sees to it that it is not refused
-    after = [r.host.queue_request(Question.ALIVE, lambda *_: None) for _ in range(3)]
+    after = [r.host.queue_request(ClientQuestion.ALIVE, lambda *_: None) for _ in range(3)]
     r.host.run_one_tick(0.05)
     assert after == [False] * 3
     assert stopped == [(Answer(True), {})]
     # in the order they came: none overtakes the stop
     assert all(len(one) == 1 for one in others)
-    if stop is not Question.QUIT:
+    if stop is not ClientQuestion.QUIT:
         assert r.loop.orders[-1] == stop
 
 

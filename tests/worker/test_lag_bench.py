@@ -10,7 +10,7 @@ import pytest
 from topdress.console.cli.lag_rig import LagOperator
 from topdress.console.worker.host import Host
 from topdress.console.worker.parts import Assembly, RunNames
-from topdress.console.worker.requests import Question
+from topdress.console.worker.requests import ClientQuestion
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated
@@ -106,7 +106,7 @@ def bench(tmp_path, fake):
 
 
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
-    assert bench.ask(Question.LAG_TEST).accepted
+    assert bench.ask(ClientQuestion.LAG_TEST).accepted
     bench.host.lag.begin_lag_test(
         tmp_path / "run.lag.1.csv", LagPlan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
     )
@@ -163,7 +163,7 @@ def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench,
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
-    assert bench.ask(Question.END_LAG_TEST).accepted
+    assert bench.ask(ClientQuestion.END_LAG_TEST).accepted
     frame = bench.run(1.0)
     assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.lag_test) == ("calibrating", 0.0, None)
     assert bench.order(Do.CALIBRATE_SHAFT, 20.0).accepted
@@ -173,7 +173,7 @@ def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench,
 def test_without_a_rig_there_is_no_test(rig):
     r = rig()
     said = []
-    r.host.queue_request(Question.LAG_TEST, lambda answer, extra: said.append(answer))
+    r.host.queue_request(ClientQuestion.LAG_TEST, lambda answer, extra: said.append(answer))
     r.host.run_one_tick(0.0)
     assert said == [Answer(False, "no_lag_rig")]
     assert r.host.newest.lag_test is None and not r.bench.rig_orders

@@ -6,8 +6,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from topdress.console.frame import DeviceDo
-from topdress.console.worker.limits import TEXT_CHARACTERS
-from topdress.console.worker.requests import DeviceOrder, Question, Refusal, Request, parse_request
+from topdress.console.worker.limits import MAX_TEXT_CHARACTERS
+from topdress.console.worker.requests import (
+    ClientQuestion,
+    DeviceOrder,
+    Refusal,
+    Request,
+    parse_request,
+)
 from topdress.control.orders import Do, Order
 
 TOKEN = "0123456789abcdef"
@@ -33,7 +39,7 @@ def test_values_keep_their_kind(sent, taken):
     assert order.value == taken and type(order.value) is type(taken)
 
 
-@pytest.mark.parametrize("ask", list(Question))
+@pytest.mark.parametrize("ask", list(ClientQuestion))
 def test_asks(ask):
     assert parse_request(line(ask=ask.value), TOKEN) == Request(7, ask)
 
@@ -64,7 +70,7 @@ def test_what_is_ordered_of_a_device(do):
         (line(ask="everything"), 7, "ask"),
         (line(ask={}), 7, "ask"),
         (line(do="nudge", value=[1]), 7, "value"),
-        (line(do="mark", value="x" * (TEXT_CHARACTERS + 1)), 7, "value"),
+        (line(do="mark", value="x" * (MAX_TEXT_CHARACTERS + 1)), 7, "value"),
         (line(do="nudge", value=10**400), 7, "value"),
         (line(do="nudge", value=0).replace(b"0}", b"1e999}"), 7, "value"),
         (line(do="nudge", value=0).replace(b"0}", b"NaN}"), None, "not JSON"),
@@ -82,12 +88,12 @@ def test_without_the_token_nothing_is_taken(token):
     assert parse_request(line(token=token, do="start"), TOKEN) == Refusal(
         7, "unauthorised", "unauthorised"
     )
-    for ask in set(Question) - {Question.LOOK}:
+    for ask in set(ClientQuestion) - {ClientQuestion.LOOK}:
         assert parse_request(line(token=token, ask=ask.value), TOKEN) == Refusal(
             7, "unauthorised", "unauthorised"
         ), ask
     assert parse_request(line(token=token, ask="look"), TOKEN) == Request(
-        7, Question.LOOK, with_key=False
+        7, ClientQuestion.LOOK, with_key=False
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, parse_frame
 from topdress.console.worker import run_file, wire
-from topdress.console.worker.limits import MOVES_S, STANDS_S
+from topdress.console.worker.limits import MOVING_FRAME_PERIOD_S, STANDING_FRAME_PERIOD_S
 from topdress.console.worker.link_server import FrameSchedule
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totals
@@ -138,14 +138,16 @@ def waited(path, now_s=None):
 
 
 def test_the_first_start_waits_for_a_worker_whose_lock_was_removed(tmp_path):
-    assert waited(tmp_path / "run" / "worker.json") == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
+    assert waited(tmp_path / "run" / "worker.json") == [
+        pytest.approx(run_file.LOCK_SETTLING_S, abs=0.2)
+    ]
 
 
 def test_a_clean_start_waits_for_nobody(tmp_path):
     """No run file is there, as after every clean end, and the lock's file is an old one."""
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
-    assert waited(path, time.time() + run_file.YOUNG_S + 0.1) == []
+    assert waited(path, time.time() + run_file.YOUNG_LOCK_AGE_S + 0.1) == []
 
 
 @pytest.mark.parametrize(
@@ -156,7 +158,7 @@ def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, later_s):
     one yet."""
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
-    assert waited(path, time.time() + later_s) == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
+    assert waited(path, time.time() + later_s) == [pytest.approx(run_file.LOCK_SETTLING_S, abs=0.2)]
 
 
 # --- When frames are told: seldom while the machine stands, often while it moves, at once where
@@ -183,7 +185,7 @@ def told_in_10_s(frame: Frame) -> int:
 
 
 def test_a_machine_that_stands_is_told_twice_a_second_whatever_its_sensors_noise():
-    assert told_in_10_s(STANDS) == round(10.0 / STANDS_S)
+    assert told_in_10_s(STANDS) == round(10.0 / STANDING_FRAME_PERIOD_S)
 
 
 @pytest.mark.parametrize(
@@ -191,11 +193,13 @@ def test_a_machine_that_stands_is_told_twice_a_second_whatever_its_sensors_noise
     [{"state": "working"}, {"state": "calibrating"}, {"speed_used_mps": 0.2}, {"shaft_rpm": 12.0}],
 )
 def test_a_machine_that_moves_is_told_ten_times_a_second(row):
-    assert told_in_10_s(replace(STANDS, row=STANDS.row._replace(**row))) == round(10.0 / MOVES_S)
+    assert told_in_10_s(replace(STANDS, row=STANDS.row._replace(**row))) == round(
+        10.0 / MOVING_FRAME_PERIOD_S
+    )
 
 
 def test_a_device_that_is_listened_to_is_told_as_often():
-    assert told_in_10_s(replace(STANDS, devices=(LISTENS,))) == round(10.0 / MOVES_S)
+    assert told_in_10_s(replace(STANDS, devices=(LISTENS,))) == round(10.0 / MOVING_FRAME_PERIOD_S)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +241,9 @@ def test_after_a_console_came_it_is_told_as_while_the_machine_moves_for_two_seco
     told = [
         k for k in range(1, 201) if telling.is_frame_due(replace(STANDS, seq=k, at_s=k * TICK_S))
     ]
-    assert told[:20] == list(range(1, 40, 2)) and len(told) == 20 + round(8.0 / STANDS_S)
+    assert told[:20] == list(range(1, 40, 2)) and len(told) == 20 + round(
+        8.0 / STANDING_FRAME_PERIOD_S
+    )
     assert not telling.moves
 
 

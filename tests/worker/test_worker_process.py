@@ -23,11 +23,11 @@ from topdress.console.link import Link, WorkerGone
 from topdress.console.locale import use_language
 from topdress.console.running import WorkerAddress, WorkerFailed, find_running_worker, start_worker
 from topdress.console.worker.limits import (
-    CLIENTS_LOOKING,
-    CLIENTS_NEW,
-    CLIENTS_WITH_KEY,
-    LINE_BYTES,
-    REFUSALS,
+    MAX_AUTHORISED_CLIENTS,
+    MAX_LINE_BYTES,
+    MAX_NEW_CLIENTS,
+    MAX_REFUSALS,
+    MAX_VIEWING_CLIENTS,
 )
 from topdress.control.orders import Answer, Do, Order
 from topdress.drivers.files.lock import take_lock
@@ -279,7 +279,7 @@ async def test_rubbish_is_counted_answered_and_harmless(running, attach):
     flood = raw(where)
     with pytest.raises(OSError):
         for _ in range(100):
-            flood.sendall(b"x" * LINE_BYTES)
+            flood.sendall(b"x" * MAX_LINE_BYTES)
             time.sleep(0.01)
     stats = await link.request_stats()
     assert stats["malformed"] == 3 and stats["oversized"] == 1
@@ -348,7 +348,7 @@ async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
         assert sorted(took)[4] < 0.4
         assert link.newest.row.speed_mps < 1.5  # the fake shows the console's age there
         stats = await link.request_stats(10.0)
-        assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * REFUSALS * 10
+        assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * MAX_REFUSALS * 10
         assert (await attach(where)).newest is not None  # and a second console gets in
     finally:
         for one in crowd:
@@ -362,8 +362,10 @@ async def test_a_client_that_only_looks_is_put_aside_when_it_goes_on_asking(runn
     client = look(where)
     assert answers(client, 1)[0]["accepted"]
     client.sendall(b'{"id": 2, "token": null, "do": "start"}\n' * 100)
-    said = answers(client, REFUSALS)
-    assert [one["why"] for one in said] == ["unauthorised"] * (REFUSALS - 1) + ["refused too often"]
+    said = answers(client, MAX_REFUSALS)
+    assert [one["why"] for one in said] == ["unauthorised"] * (MAX_REFUSALS - 1) + [
+        "refused too often"
+    ]
     client.settimeout(10)
     assert await asyncio.to_thread(closed, client)
     assert await link.send_order(Order(Do.START)) == Answer(True)
@@ -408,7 +410,7 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
     """As many as a worker has places, all idle: it stays found, no second one starts, its
     console gets in."""
     where = running()
-    crowd = [raw(where) for _ in range(CLIENTS_NEW)]
+    crowd = [raw(where) for _ in range(MAX_NEW_CLIENTS)]
     assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
     run_file = tmp_path / "run" / "worker.json"
     assert find_running_worker(run_file) == where and run_file.exists()
@@ -419,17 +421,17 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
     await until(lambda: link.newest.row.state == "working")
     assert await asyncio.to_thread(closed, crowd[-1])  # none of them is kept
     stats = await link.request_stats()
-    assert stats["clients_silent"] >= CLIENTS_NEW and stats["clients"] == 1
+    assert stats["clients_silent"] >= MAX_NEW_CLIENTS and stats["clients"] == 1
     for client in crowd:
         client.close()
 
 
 async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach):
     where = running()
-    crowd = [look(where) for _ in range(CLIENTS_LOOKING)]
+    crowd = [look(where) for _ in range(MAX_VIEWING_CLIENTS)]
     assert all(answers(c, 1)[0]["accepted"] for c in crowd)
     assert closed(look(where))
-    consoles = [await attach(where) for _ in range(CLIENTS_WITH_KEY)]
+    consoles = [await attach(where) for _ in range(MAX_AUTHORISED_CLIENTS)]
     assert (await consoles[-1].request_stats())["clients_refused"] == 1
     crowd.pop().close()
     await asyncio.sleep(0.3)

@@ -9,11 +9,11 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.history import TREND_SPAN_S, LogHistory, TrendPoint, sample_points
 from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
 from topdress.console.app.map_ink import MapView
-from topdress.console.app.overlay_file import LaidFile, LaidView
+from topdress.console.app.overlay_file import OverlayFile, OverlayView
 from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.series import TrendSeries
-from topdress.console.app.view import STALE_S, RunView, make_alarms_view
+from topdress.console.app.view import MAX_FRESH_AGE_S, RunView, make_alarms_view
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
@@ -43,7 +43,7 @@ class LogPage(Page):
     def toggle_log(self) -> None:
         """Switch between the machine and the replayed log."""
         self.wants_log = not self.wants_log
-        self.numbers.hurry_up()
+        self.numbers.make_due()
 
     def find_log_history(self) -> LogHistory:
         """Return the history of the replayed log."""
@@ -110,7 +110,7 @@ class LogPage(Page):
             return self.app.history.worked
         history = self.find_log_history()
         if not history.enter_up_to(job.source.frame_index):
-            self.maps.hurry_up()
+            self.maps.make_due()
         return history.worked
 
     def find_ground(self, frame: Frame | None) -> tuple[WorkedGround, FieldPicture | None]:
@@ -126,7 +126,7 @@ class LogPage(Page):
         age_s: float,
         layer: MapLayer,
         camera: MapCamera,
-        laid: LaidFile | None = None,
+        laid: OverlayFile | None = None,
     ) -> MapView:
         """Return a map's view of a frame, and of an overlaid file."""
         worked, picture = self.find_ground(frame)
@@ -149,9 +149,9 @@ class LogPage(Page):
             camera,
             frame.place_m if frame else None,
             frame.row.heading_deg if frame else None,
-            stale=age_s > STALE_S,
+            stale=age_s > MAX_FRESH_AGE_S,
             lines=self.app.guide.list_drawn_lines(camera),
-            laid=LaidView(laid.worked, by) if laid is not None and by is not None else None,
+            laid=OverlayView(laid.worked, by) if laid is not None and by is not None else None,
         )
 
     def find_whole_box(self, frame: Frame | None) -> Box | None:

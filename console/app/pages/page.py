@@ -15,18 +15,29 @@ from textual.content import Content
 from textual.css.scalar import Scalar
 from textual.screen import Screen
 from topdress.console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
-from topdress.console.app.presence_text import CompanyView
-from topdress.console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, RefreshTimer
+from topdress.console.app.presence_text import PresenceView
+from topdress.console.app.refresh_rates import (
+    MAPS_PERIOD_S,
+    NUMBERS_PERIOD_S,
+    PLOTS_PERIOD_S,
+    RefreshTimer,
+)
 from topdress.console.app.view import (
     AlarmsView,
     RunView,
-    hide_lost_machine,
-    hide_no_machine,
     make_run_view,
+    mask_lost_machine,
+    mask_missing_machine,
 )
 from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
 from topdress.console.app.widgets.key_bar import KeyBar, KeysView
-from topdress.console.app.widgets.panel import DrawnWidget, Panel, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import (
+    DrawnWidget,
+    Panel,
+    fit_text_width,
+    make_line,
+    wrap_text,
+)
 from topdress.console.app.widgets.rates import SmallPanel, SmallView
 from topdress.console.app.widgets.status_line import (
     PageBar,
@@ -46,7 +57,7 @@ class NoticeRows(Panel[str]):
 
     def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
         return [
-            make_line((fit_width(f" {row}", width), "bold reverse"))
+            make_line((fit_text_width(f" {row}", width), "bold reverse"))
             for row in wrap_text(view, width - 2)
         ]
 
@@ -59,17 +70,18 @@ class NoticeRows(Panel[str]):
         self.show_view(long)
 
 
-class CompanyBar(Panel[CompanyView | None]):
+class PresenceBar(Panel[PresenceView | None]):
     """Shows a row below the alarms while other consoles are at the machine: the latest order and
     its console, then the consoles. A click lists everybody."""
 
-    def draw_rows(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: PresenceView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
         order = f" {view.order}  " if view.order else ""
         return [
             make_line(
-                (order, "bold"), (fit_width(f" {view.others}", width - cell_len(order)), "$muted")
+                (order, "bold"),
+                (fit_text_width(f" {view.others}", width - cell_len(order)), "$muted"),
             )
         ]
 
@@ -83,20 +95,20 @@ if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
 # Size below which a page has no room: the size of a classic terminal.
-LEAST_COLUMNS, LEAST_ROWS = 80, 24
+MIN_PAGE_COLUMNS, MIN_PAGE_ROWS = 80, 24
 # On a narrow and high screen, such as an upright tablet, these pages appear below the numbers.
-PORTRAIT_COLUMNS, PORTRAIT = 60, (RUN, MAP, JOB)
+MIN_PORTRAIT_COLUMNS, PORTRAIT_PAGES = 60, (RUN, MAP, JOB)
 # From this size, numerals and state are drawn twice as large.
 HUGE_COLUMNS, HUGE_ROWS = 150, 46
 # Heights from which the style sheets show more panels.
 MIDDLE_ROWS, TALL_ROWS = 28, 36
 # Rows of the alarms, normally and at most.
-ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
+ALARM_ROWS, MAX_ALARM_ROWS = 3, 7
 # Rows of the alarms at low and at middle height; the style sheets of these pages have the same
 # numbers.
 LOW_ALARM_ROWS = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}
 # Age at which values are grey, s; values of a lost worker count as this old at once.
-LOST_AGE_S = 1.1
+LOST_FRAME_AGE_S = 1.1
 
 
 class Page(Screen[None]):
@@ -113,8 +125,13 @@ class Page(Screen[None]):
     where: ClassVar[str] = ANYWHERE
     # Textual sets these classes by size; the style sheets of the pages decide by them what is
     # visible.
-    HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
-    VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
+    HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (MIN_PAGE_COLUMNS, "-narrow"), (100, "-wide")]
+    VERTICAL_BREAKPOINTS = [
+        (0, "-tiny-rows"),
+        (MIN_PAGE_ROWS, "-low"),
+        (28, "-middle"),
+        (36, "-tall"),
+    ]
 
     if TYPE_CHECKING:
         app = getters.app(TopdressApp)
@@ -122,9 +139,9 @@ class Page(Screen[None]):
     def __init__(self) -> None:
         super().__init__(classes="panels")
         self.numbers, self.plots, self.maps = (
-            RefreshTimer(NUMBERS_S),
-            RefreshTimer(PLOTS_S),
-            RefreshTimer(MAPS_S),
+            RefreshTimer(NUMBERS_PERIOD_S),
+            RefreshTimer(PLOTS_PERIOD_S),
+            RefreshTimer(MAPS_PERIOD_S),
         )
 
     def compose(self) -> ComposeResult:
@@ -132,7 +149,7 @@ class Page(Screen[None]):
         view = self.make_view_at(self.app.clock())
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
-        yield CompanyBar(None, id="company")
+        yield PresenceBar(None, id="company")
         yield TourBar(None, id="tour")
         yield from self.compose_extra()
         with Horizontal(id="body"):
@@ -157,9 +174,9 @@ class Page(Screen[None]):
         width, height = event.size
         self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
         self.set_class(
-            PORTRAIT_COLUMNS <= width < LEAST_COLUMNS
+            MIN_PORTRAIT_COLUMNS <= width < MIN_PAGE_COLUMNS
             and height >= TALL_ROWS
-            and self.where in PORTRAIT,
+            and self.where in PORTRAIT_PAGES,
             "-portrait",
         )
         self.refresh_all_next_tick()
@@ -175,7 +192,7 @@ class Page(Screen[None]):
     def refresh_all_next_tick(self) -> None:
         """Refresh everything with the next tick."""
         for pace in (self.numbers, self.plots, self.maps):
-            pace.hurry_up()
+            pace.make_due()
 
     def redraw_all(self) -> None:
         """Draw again after a change of language or theme: equal views may look different."""
@@ -195,14 +212,14 @@ class Page(Screen[None]):
         view = self.make_view(frame, age_s)
         # Without a source ever, no machine is known: numbers would be misleading.
         if frame is None and self.app.source is None and self.where != REPLAY:
-            return hide_no_machine(view, self.app.find_shown_key("stop"))
-        return hide_lost_machine(view, self.app.find_shown_key("stop")) if self.app.gone else view
+            return mask_missing_machine(view, self.app.find_shown_key("stop"))
+        return mask_lost_machine(view, self.app.find_shown_key("stop")) if self.app.gone else view
 
     def find_frame(self, now_s: float) -> tuple[Frame | None, float]:
         """Return the frame to show and its age, s. Without a worker the last values count as old at
         once."""
         age_s = self.app.arrival.calc_age_s(now_s)
-        return self.app.arrival.frame, max(age_s, LOST_AGE_S) if self.app.gone else age_s
+        return self.app.arrival.frame, max(age_s, LOST_FRAME_AGE_S) if self.app.gone else age_s
 
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:
         """Return the view of a frame."""
@@ -238,12 +255,12 @@ class Page(Screen[None]):
                     view.rates,
                     view.tiles,
                     _("{columns} x {rows} shows the whole page").format(
-                        columns=LEAST_COLUMNS, rows=LEAST_ROWS
+                        columns=MIN_PAGE_COLUMNS, rows=MIN_PAGE_ROWS
                     ),
                     page,
                 )
             )
-        company, others = self.query_one("#company", CompanyBar), self.app.make_company_view()
+        company, others = self.query_one("#company", PresenceBar), self.app.make_presence_view()
         company.display = others is not None
         company.show_view(others)
         self.show_tour()
@@ -262,7 +279,7 @@ class Page(Screen[None]):
             else 0
         )
         height = (
-            min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
+            min(need, MAX_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
         )
         # Setting an equal height would trigger a layout of the whole page.
         if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):

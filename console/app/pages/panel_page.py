@@ -11,7 +11,7 @@ from topdress.console.app.history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.view import (
-    STALE_S,
+    MAX_FRESH_AGE_S,
     RunView,
     format_duration,
     format_local_time,
@@ -48,13 +48,13 @@ class MapTitle(Panel[str]):
 
 
 # Largest pixel, m, at which a field is shown whole; in a larger field the map follows the machine.
-COARSEST_PIXEL_M = 3.0
+MAX_PIXEL_M = 3.0
 # A longer time without a row is a gap, s.
-LONGEST_STEP_S = 2.5
+MAX_ROW_STEP_S = 2.5
 # Period of a refresh without a new frame, s; a standing machine sends frames at the same period.
 REDRAW_PERIOD_S = 0.5
 # Points of the small graph below a tile.
-GRAPH_POINTS = 60
+MAX_GRAPH_POINTS = 60
 
 
 class PanelScreen(LogPage):
@@ -65,7 +65,7 @@ class PanelScreen(LogPage):
 
     def __init__(self) -> None:
         super().__init__()
-        self._looked_at: Frame | None = None
+        self._shown_frame: Frame | None = None
 
     def compose_body(self) -> ComposeResult:
         view = make_run_view(None, 0.0, self.app.units)
@@ -92,15 +92,17 @@ class PanelScreen(LogPage):
         frame, age_s = self.find_frame(now_s)
         looked_s, hurried = self.numbers.last_s, None in (self.plots.last_s, self.maps.last_s)
         soon = (
-            looked_s is not None and 0.0 <= now_s - looked_s < REDRAW_PERIOD_S and age_s <= STALE_S
+            looked_s is not None
+            and 0.0 <= now_s - looked_s < REDRAW_PERIOD_S
+            and age_s <= MAX_FRESH_AGE_S
         )
-        if frame is self._looked_at and soon and not hurried:
+        if frame is self._shown_frame and soon and not hurried:
             return
         super().show_due(now_s)
         if self.numbers.last_s == now_s:
-            self._looked_at = frame
+            self._shown_frame = frame
         if self.plots.is_due(now_s):
-            self._show_trend(frame, age_s > STALE_S)
+            self._show_trend(frame, age_s > MAX_FRESH_AGE_S)
         if self.maps.is_due(now_s) and self.query_one("#right").display:
             self._show_map(frame, age_s)
 
@@ -120,7 +122,7 @@ class PanelScreen(LogPage):
             end_s = frame.row.time_s if frame is not None else 0.0
             begin_s = end_s - TREND_SPAN_S
             drawn = (
-                series.find_stretch(channel, begin_s, end_s, GRAPH_POINTS)
+                series.find_stretch(channel, begin_s, end_s, MAX_GRAPH_POINTS)
                 for channel in GRAPH_CHANNELS
             )
             graphs.show_view(
@@ -146,7 +148,7 @@ class PanelScreen(LogPage):
         before = [
             point
             for point in points
-            if self.cursor_s - LONGEST_STEP_S <= point.time_s <= self.cursor_s
+            if self.cursor_s - MAX_ROW_STEP_S <= point.time_s <= self.cursor_s
         ]
         target, applied = (
             (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
@@ -186,7 +188,7 @@ class PanelScreen(LogPage):
     def _set_cursor(self, time_s: float | None) -> None:
         """Set or remove the cursor and refresh the plots."""
         self.cursor_s = time_s
-        self.plots.hurry_up()
+        self.plots.make_due()
         self.show_due(self.app.clock())
 
     def on_trend_pointed(self, event: Trend.Pointed) -> None:
@@ -225,13 +227,9 @@ class PanelScreen(LogPage):
         """Return the camera of the whole field where its pixels are small enough, else of the
         ground around the machine."""
         whole = fit_box(self.find_whole_box(frame), columns, rows)
-        if whole.metres <= COARSEST_PIXEL_M or frame is None or frame.place_m is None:
+        if whole.metres <= MAX_PIXEL_M or frame is None or frame.place_m is None:
             return whole
-        near = (
-            before
-            if before.metres == COARSEST_PIXEL_M
-            else MapCamera(*frame.place_m, COARSEST_PIXEL_M)
-        )
+        near = before if before.metres == MAX_PIXEL_M else MapCamera(*frame.place_m, MAX_PIXEL_M)
         return near.follow_place(frame.place_m, columns, rows)
 
     def show_numbers(self, view: RunView) -> None:

@@ -14,7 +14,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import TextPart, fit_width
+from topdress.console.app.widgets.panel import TextPart, fit_text_width
 from topdress.console.locale import N_, _
 
 # Terms of the pages that are unknown from bags and tractors, one line each.
@@ -116,8 +116,8 @@ class HelpScreen(ModalScreen[None]):
         parts: list[TextPart] = []
         for action in shown:
             parts += [
-                (fit_width(f" {action.shown}", 7), "bold $primary"),
-                (fit_width(_(action.label), width), "bold"),
+                (fit_text_width(f" {action.shown}", 7), "bold $primary"),
+                (fit_text_width(_(action.label), width), "bold"),
                 f"{_(action.help)}\n",
             ]
         return Content.assemble(*parts)

@@ -20,7 +20,7 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
 
 # Pages whose letter keys start, stop or change something on the machine.
-PAGES_THAT_ACT = (ANYWHERE, RUN, DEVICES, CALIBRATE)
+MACHINE_PAGES = (ANYWHERE, RUN, DEVICES, CALIBRATE)
 
 
 def choose_label_letters(bound: Mapping[str, Set[str]]) -> str:
@@ -32,11 +32,11 @@ def choose_label_letters(bound: Mapping[str, Set[str]]) -> str:
     bound
         Keys with an action, by page.
     """
-    taken = frozenset[str]().union(*(bound[where] for where in PAGES_THAT_ACT))
+    taken = frozenset[str]().union(*(bound[where] for where in MACHINE_PAGES))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
 
-def make_labels(count: int, of: str) -> tuple[str, ...]:
+def make_jump_labels(count: int, of: str) -> tuple[str, ...]:
     """Return up to `count` labels of equal length, so that no label begins another."""
     if not of:
         return ()

@@ -9,8 +9,8 @@ from topdress.console.app.view import AlarmLine, AlarmsView
 from topdress.console.app.widgets.panel import (
     Panel,
     TextPart,
-    choose_fullest,
-    fit_width,
+    choose_longest_fit,
+    fit_text_width,
     make_line,
     wrap_text,
 )
@@ -18,7 +18,7 @@ from topdress.console.locale import _
 from topdress.control.orders import Severity
 
 # From this number of rows a fault is shown in full.
-LEAST_FAULT_ROWS = 7
+MIN_FAULT_ROWS = 7
 
 
 def _choose_styles(alarm: AlarmLine) -> tuple[str, str]:
@@ -47,10 +47,10 @@ class AlarmBar(Panel[AlarmsView]):
         if not view.lines:
             style = "bold $background on $foreground" if view.urgent else "$muted"
             return [
-                Content.assemble((fit_width(f"   {row}", width), style))
+                Content.assemble((fit_text_width(f"   {row}", width), style))
                 for row in _wrap_calm(view, width)[:height]
             ]
-        if view.fault and height >= LEAST_FAULT_ROWS:
+        if view.fault and height >= MIN_FAULT_ROWS:
             return self._draw_fault(view, width, height)
         return _draw_alarms(view.lines, width, height)
 
@@ -61,7 +61,7 @@ class AlarmBar(Panel[AlarmsView]):
 
         def draw_band(text: str, end: str = "") -> Content:
             return make_line(
-                (fit_width(f"  {text}", width - cell_len(end)), f"bold {colour}"),
+                (fit_text_width(f"  {text}", width - cell_len(end)), f"bold {colour}"),
                 (end, f"bold {colour}"),
             )
 
@@ -78,7 +78,7 @@ class AlarmBar(Panel[AlarmsView]):
         ]
         rows.append(
             make_line(
-                (fit_width(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")
+                (fit_text_width(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")
             )
         )
         for number, step in enumerate(steps, 1):
@@ -105,7 +105,7 @@ def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
     if not view.lines:
         return len(_wrap_calm(view, width))
     first = view.lines[0]
-    return len(_draw_written_out(first, width, todo)) + (len(view.lines) > 1)
+    return len(_draw_full_alarm(first, width, todo)) + (len(view.lines) > 1)
 
 
 def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
@@ -124,10 +124,10 @@ def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
 def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
     """Return the worst alarm in full and the next alarms as far as whole rows have room; the
     remaining alarms are counted."""
-    rows = _draw_written_out(alarms[0], width, height > 1)[: max(1, height)]
+    rows = _draw_full_alarm(alarms[0], width, height > 1)[: max(1, height)]
     for index, alarm in enumerate(alarms[1:], 1):
         left, room = len(alarms) - index, height - len(rows)
-        text = _draw_written_out(alarm, width, False)
+        text = _draw_full_alarm(alarm, width, False)
         # The row of the count is reserved while more alarms follow.
         if len(text) + (left > 1) <= room:
             rows += text
@@ -144,7 +144,7 @@ def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list
                     )
                 )
             )
-        elif len(_draw_written_out(alarms[0], width, False)) == 1:
+        elif len(_draw_full_alarm(alarms[0], width, False)) == 1:
             rows[0] = (
                 _draw_one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ")
                 or rows[0]
@@ -162,11 +162,11 @@ def _draw_one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
     spare = width - _count_cells(left + rest)
     if spare < 0:
         return None
-    when = choose_fullest((*(f" {form} " for form in _list_time_forms(alarm)), ""), spare)
+    when = choose_longest_fit((*(f" {form} " for form in _list_time_forms(alarm)), ""), spare)
     return make_line(*left, (" " * (spare - cell_len(when)), style), (when, style), *rest)
 
 
-def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
+def _draw_full_alarm(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
     """Return the full text of an alarm, then its remedy with the note about acknowledging at the
     end."""
     word, style = _choose_styles(alarm)
@@ -179,7 +179,7 @@ def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]
         rows = [
             make_line(
                 (lead if not k else " " * cell_len(lead), word),
-                (fit_width(f" {text}", width - cell_len(lead)), style),
+                (fit_text_width(f" {text}", width - cell_len(lead)), style),
             )
             for k, text in enumerate(texts)
         ]
@@ -191,7 +191,9 @@ def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]
         steps = wrap_text(alarm.todo, width - 4 - cell_len(hint))
     for k, text in enumerate(steps or ([""] if hint else [])):
         end = hint if k >= len(steps) - 1 else ""
-        rows.append(make_line((fit_width(f"   {text}", width - cell_len(end)), style), (end, bold)))
+        rows.append(
+            make_line((fit_text_width(f"   {text}", width - cell_len(end)), style), (end, bold))
+        )
     return rows
 
 

@@ -59,7 +59,7 @@ def format_chip(chip: Chip) -> str:
 
 
 # Rows of a large chip: a blank row above and below the word.
-LARGE_ROWS = 3
+LARGE_CHIP_ROWS = 3
 
 
 def _choose_chip_style(chip: Chip) -> str:
@@ -96,7 +96,7 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     def _is_tall(self, height: int) -> bool:
         """Return whether chips are drawn large."""
-        return self.large and height >= LARGE_ROWS
+        return self.large and height >= LARGE_CHIP_ROWS
 
     def draw_rows(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
         if self._is_tall(height):

@@ -17,15 +17,15 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.map_ink import draw_small_map
 from topdress.console.app.widgets.panel import (
     PickList,
-    align_right,
-    fit_width,
+    align_text_right,
+    fit_text_width,
     make_line,
     wrap_text,
 )
 from topdress.console.locale import _
 
 # Columns and rows of a field's picture, and blanks between picture and label.
-THUMB, THUMB_GAP = (9, 4), 2
+THUMBNAIL_CELLS, THUMBNAIL_GAP_CELLS = (9, 4), 2
 
 
 class Choice(NamedTuple):
@@ -119,7 +119,10 @@ class ChoiceList(PickList[ChoicesView]):
                         (cell, style if not own or (on_mark and " on " not in own) else own)
                         for cell, own in drawn
                     ),
-                    (fit_width(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
+                    (
+                        fit_text_width(text, max(0, width - scrolls - cell_len(head) - len(drawn))),
+                        style,
+                    ),
                     (bar[place], "$muted") if scrolls else "",
                 )
             )
@@ -128,14 +131,14 @@ class ChoiceList(PickList[ChoicesView]):
                 typed=view.wrong, count=len(view.choices)
             )
             shown.append(
-                make_line((fit_width(f" ! {said}", width), "bold $on-alarm-red on $alarm-red"))
+                make_line((fit_text_width(f" ! {said}", width), "bold $on-alarm-red on $alarm-red"))
             )
         elif scrolls:
             at = "--" if view.at < 0 else f"{view.at + 1}"
             shown.append(
                 make_line(
                     (
-                        align_right(
+                        align_text_right(
                             _("{at} of {count}").format(at=at, count=len(view.choices)), width
                         ),
                         "$muted",
@@ -150,7 +153,7 @@ class ChoiceList(PickList[ChoicesView]):
         indent = 4 + digits
         blank: list[tuple[str, str]] = []
         if any(choice.picture is not None for choice in view.choices):
-            blank = [(" ", "")] * (THUMB[0] + THUMB_GAP)
+            blank = [(" ", "")] * (THUMBNAIL_CELLS[0] + THUMBNAIL_GAP_CELLS)
         room = width - indent - len(blank) - 1
         found = []
         for index, choice in enumerate(view.choices):
@@ -163,7 +166,7 @@ class ChoiceList(PickList[ChoicesView]):
                     _ChoiceRow(
                         index,
                         head,
-                        blank if drawn is None else [*drawn, *blank[THUMB[0] :]],
+                        blank if drawn is None else [*drawn, *blank[THUMBNAIL_CELLS[0] :]],
                         text or "",
                     )
                 )
@@ -174,7 +177,7 @@ class ChoiceList(PickList[ChoicesView]):
         """Return the rows of a field's picture, from the cache."""
         key = picture, self.app.theme
         if key not in self._thumbs:
-            self._thumbs[key] = draw_small_map(self, picture, *THUMB)
+            self._thumbs[key] = draw_small_map(self, picture, *THUMBNAIL_CELLS)
         return self._thumbs[key]
 
     def _find_window(

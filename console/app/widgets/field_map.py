@@ -30,7 +30,7 @@ class FieldMap(Canvas[MapView]):
         self._ink: MapInk
         # A segment is made once per code: most cells repeat.
         self._segments: dict[int, Segment] = {}
-        self._dressed_for: object = None
+        self._ink_key: object = None
         self.rows_drawn = 0
 
     def make_grid(self) -> PixelGrid:
@@ -101,8 +101,8 @@ class FieldMap(Canvas[MapView]):
             self.view.stale,
             has_few_colours(self.app),
         )
-        if wanted != self._dressed_for:
-            self._dressed_for = wanted
+        if wanted != self._ink_key:
+            self._ink_key = wanted
             self._segments.clear()
             self._codes = None
             self._ink = MapInk(self, self.view.scale, laid, self.view.stale)

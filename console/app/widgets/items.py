@@ -5,10 +5,16 @@ from __future__ import annotations
 from rich.cells import cell_len
 from textual.content import Content
 from topdress.console.app.view import ItemView
-from topdress.console.app.widgets.panel import Panel, TextPart, choose_fullest, fit_width, make_line
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    choose_longest_fit,
+    fit_text_width,
+    make_line,
+)
 
 # Blanks between the parts of a value.
-PART_GAP = "  "
+VALUE_PART_GAP = "  "
 
 
 class Items(Panel[tuple[ItemView, ...]]):
@@ -49,16 +55,16 @@ def _draw_item(item: ItemView, width: int, label_width: int, more: int) -> list[
     take rows of their own, at most `more`."""
     style = "$stale" if item.value.stale else "bold"
     room = width - label_width - 1
-    text = choose_fullest((item.value.text, item.value.text.replace(PART_GAP, " ")), room)
+    text = choose_longest_fit((item.value.text, item.value.text.replace(VALUE_PART_GAP, " ")), room)
     texts = [text]
     if cell_len(text) > room:
-        parts = item.value.text.split(PART_GAP)
+        parts = item.value.text.split(VALUE_PART_GAP)
         whole = len(parts) - max(0, len(parts) - 1 - more)
-        texts = [*parts[: whole - 1], PART_GAP.join(parts[whole - 1 :])]
+        texts = [*parts[: whole - 1], VALUE_PART_GAP.join(parts[whole - 1 :])]
     return [
         [
-            (fit_width(f" {item.label if not number else ''}", label_width), "$muted"),
-            (fit_width(f" {one}", width - label_width), style),
+            (fit_text_width(f" {item.label if not number else ''}", label_width), "$muted"),
+            (fit_text_width(f" {one}", width - label_width), style),
         ]
         for number, one in enumerate(texts)
     ]

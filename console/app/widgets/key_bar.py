@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import Panel, fit_width, make_line
+from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line
 from topdress.console.locale import _
 
 
@@ -29,14 +29,14 @@ class KeysView(NamedTuple):
 # These actions stay in place next to a notice and under a dialog.
 URGENT_ACTIONS = ("hold", "stop")
 # The last two actions make everything else reachable by mouse at any width.
-ALWAYS_SHOWN = (*URGENT_ACTIONS, "pages", "palette")
+PERMANENT_ACTIONS = (*URGENT_ACTIONS, "pages", "palette")
 
 
 def place_actions(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
     """Return the actions that fit, most important first, with first cell and width of each."""
     ordered = sorted((a for a in actions if a.bar), key=lambda a: a.bar)
     cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
-    always = [name for name in ALWAYS_SHOWN if name in cells]
+    always = [name for name in PERMANENT_ACTIONS if name in cells]
     while len(always) > len(URGENT_ACTIONS) and sum(cells[name] for name in always) > width:
         # The palette also leads to the pages, so the key of the pages is dropped first.
         always.remove(always[-2] if always[-1] == "palette" else always[-1])
@@ -66,7 +66,7 @@ class KeyBar(Panel[KeysView]):
         parts: list[tuple[str, str]] = []
         if placed and placed[0][1]:
             parts.append(
-                (fit_width(_format_why_none(view), placed[0][1]), "bold $on-keybar on $keybar")
+                (fit_text_width(_format_why_none(view), placed[0][1]), "bold $on-keybar on $keybar")
             )
         for action, _start, _cells in placed:
             off = action.id in view.off or (view.locked and not action.locked)
@@ -80,7 +80,7 @@ class KeyBar(Panel[KeysView]):
         # A longer notice has rows of its own above this row.
         said = view.notice and cell_len(view.notice) < left
         rest = (
-            (fit_width(f" {view.notice}", left), "bold reverse")
+            (fit_text_width(f" {view.notice}", left), "bold reverse")
             if said
             else (" " * left, "on $keybar")
         )
@@ -98,7 +98,7 @@ class KeyBar(Panel[KeysView]):
                 one for one in place_actions(view.actions, width) if one[0].id in URGENT_ACTIONS
             )
         kept = place_actions(
-            tuple(action for action in view.actions if action.id in ALWAYS_SHOWN), width
+            tuple(action for action in view.actions if action.id in PERMANENT_ACTIONS), width
         )
         start = min(
             cell_len(_format_why_none(view)), width - sum(cells for _action, _start, cells in kept)

@@ -11,9 +11,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.map_ink import (
-    LEVELS_DONE,
-    LEVELS_ERROR,
-    LEVELS_PLAN,
+    ERROR_LEVEL_SIGNS,
+    PLAN_LEVEL_SIGNS,
+    WORKED_LEVEL_SIGNS,
     find_rgb,
     mix_colours,
 )
@@ -23,9 +23,9 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.locale import _
 
 # Length of the scale bar, in cells; a cell is one pixel wide.
-_BAR_CELLS = 6
+_SCALE_BAR_CELLS = 6
 # Limits of the width of the colour ramp, in cells.
-_LEAST_CELLS, _MOST_CELLS = 6, 32
+_MIN_RAMP_CELLS, _MAX_RAMP_CELLS = 6, 32
 
 
 class LegendView(NamedTuple):
@@ -66,18 +66,21 @@ class MapLegend(Canvas[LegendView]):
         scale = view.scale
         low, high = f" {scale.format_value(scale.low)} ", f" {scale.format_value(scale.high)}"
         unit = f" {scale.unit}" if scale.unit else ""
-        bar = f" {view.distance.format_with_name(_BAR_CELLS * view.metres)}"
+        bar = f" {view.distance.format_with_name(_SCALE_BAR_CELLS * view.metres)}"
         planned = f"  {_('faint: planned')}" if view.planned and scale.layer in RATE_LAYERS else ""
         if has_few_colours(self.app):
-            planned = f" {LEVELS_PLAN} {_('planned')}" if planned else ""
-        room = width - _BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
+            planned = f" {PLAN_LEVEL_SIGNS} {_('planned')}" if planned else ""
+        room = width - _SCALE_BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
         # Unit and remark are dropped before the ramp becomes too short.
-        unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
+        unit = unit if cell_len(unit) + _MIN_RAMP_CELLS <= room else ""
         room -= cell_len(unit)
-        planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
-        levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_DONE
+        planned = planned if cell_len(planned) + _MIN_RAMP_CELLS <= room else ""
+        levels = ERROR_LEVEL_SIGNS if scale.layer is MapLayer.ERROR else WORKED_LEVEL_SIGNS
         ramp = draw_colour_ramp(
-            self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels
+            self,
+            scale,
+            max(_MIN_RAMP_CELLS, min(_MAX_RAMP_CELLS, room - cell_len(planned))),
+            levels,
         )
         return [
             self.make_text_strip(
@@ -85,7 +88,7 @@ class MapLegend(Canvas[LegendView]):
                 (low, muted),
                 *ramp,
                 (f"{high}{unit}{planned}  ", muted),
-                ("▀" * _BAR_CELLS, muted),
+                ("▀" * _SCALE_BAR_CELLS, muted),
                 (bar, muted),
             )
         ]

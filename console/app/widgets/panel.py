@@ -26,7 +26,7 @@ TextPart = str | tuple[str, str]
 # Positions at which a text may break: between words, and between any two Chinese characters.
 _TEXT_PIECES = re.compile(r"[ \t]+|[⺀-鿿　-〿＀-￯]|[^\s⺀-鿿　-〿＀-￯]+")
 # Chinese typography forbids these characters at the beginning of a row.
-_NOT_FIRST = "，。；：、！？）」』】》"
+_NO_LINE_START_SIGNS = "，。；：、！？）」』】》"
 
 
 class Picked(Message):
@@ -185,7 +185,7 @@ def find_at_cell(row: Iterable[tuple[Key, str, int]], x: int) -> Key | None:
     return next((what for what, text, start in row if start <= x < start + cell_len(text)), None)
 
 
-def fit_width(text: str, width: int) -> str:
+def fit_text_width(text: str, width: int) -> str:
     """Return exactly `width` cells of a text: filled with spaces, or cut and ended with two
     points."""
     if width <= 0:
@@ -197,7 +197,7 @@ def fit_width(text: str, width: int) -> str:
     return set_cell_size(text, width - 2) + ".."
 
 
-def choose_fullest(forms: Iterable[str], width: int) -> str:
+def choose_longest_fit(forms: Iterable[str], width: int) -> str:
     """Return the first form that fits into `width`, else the last form; forms are ordered from long
     to short."""
     form = ""
@@ -207,12 +207,12 @@ def choose_fullest(forms: Iterable[str], width: int) -> str:
     return form
 
 
-def align_right(text: str, width: int) -> str:
+def align_text_right(text: str, width: int) -> str:
     """Return exactly `width` cells with the text aligned right."""
     return (
         " " * max(0, width - cell_len(text)) + text
         if cell_len(text) <= width
-        else fit_width(text, width)
+        else fit_text_width(text, width)
     )
 
 
@@ -229,7 +229,7 @@ def spread_parts(left: list[TextPart], end: list[TextPart], width: int) -> Conte
         text, style = (part, "") if isinstance(part, str) else part
         have = room - count_part_cells(kept)
         if cell_len(text) > have:
-            text = fit_width(text, have)
+            text = fit_text_width(text, have)
         kept.append((text, style) if style else text)
     gap = max(0, width - count_part_cells(kept) - count_part_cells(end))
     return make_line(*kept, " " * gap, *end)
@@ -247,7 +247,7 @@ def wrap_text(text: str, width: int) -> list[str]:
             row.append(piece)
             continue
         # The character before a full stop moves to the next row together with it.
-        carried = [row.pop()] if piece in _NOT_FIRST and len(row) > 1 else []
+        carried = [row.pop()] if piece in _NO_LINE_START_SIGNS and len(row) > 1 else []
         *whole, rest = chop_cells("".join(carried) + piece.strip(), width) or [""]
         rows += [*([one] for one in whole), [rest]]
     return [line for line in ("".join(row).strip() for row in rows) if line]

@@ -10,12 +10,12 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
-from topdress.console.app.view import ERROR_SPAN, RatesView, TileView
+from topdress.console.app.view import ERROR_BAR_SHARE, RatesView, TileView
 from topdress.console.app.widgets.panel import (
     Panel,
     TextPart,
-    choose_fullest,
-    fit_width,
+    choose_longest_fit,
+    fit_text_width,
     make_line,
     make_solid_parts,
     wrap_text,
@@ -42,14 +42,14 @@ class SmallPanel(Panel[SmallView]):
         """Return the rows. A page that does not fit is named at the top, with the size that would
         show it."""
         if view.page:
-            said = make_line((fit_width(f" {view.page}: {view.hint}", width), "bold reverse"))
+            said = make_line((fit_text_width(f" {view.page}: {view.hint}", width), "bold reverse"))
             return [said, *self.draw_rows(view._replace(page="", hint=""), width, height - 1)]
         rates, half = view.rates, width // 2
         error = f"  {rates.error.text}" if rates.error.text != "--" else ""
         rows = [
             make_line(
-                (fit_width(f" {_('target')} {rates.unit}", half), "bold $target"),
-                (fit_width(f" {_('applied')}{error}", width - half), "bold $applied"),
+                (fit_text_width(f" {_('target')} {rates.unit}", half), "bold $target"),
+                (fit_text_width(f" {_('applied')}{error}", width - half), "bold $applied"),
             )
         ]
         shown = (rates.target, "$target"), (rates.applied, "$applied")
@@ -66,7 +66,7 @@ class SmallPanel(Panel[SmallView]):
                         for (numeral, colour) in drawn
                         for part in (
                             " ",
-                            *make_solid_parts(fit_width(numeral[row], half - 1), colour),
+                            *make_solid_parts(fit_text_width(numeral[row], half - 1), colour),
                         )
                     )
                 )
@@ -77,7 +77,7 @@ class SmallPanel(Panel[SmallView]):
                 make_line(
                     *(
                         (
-                            fit_width(f" {one.text}", half),
+                            fit_text_width(f" {one.text}", half),
                             "bold $stale" if one.stale else f"bold {colour}",
                         )
                         for one, colour in shown
@@ -86,7 +86,9 @@ class SmallPanel(Panel[SmallView]):
             )
         if rates.notes:
             rows += [
-                make_line((fit_width(f" {row}", width), "bold $on-alarm-amber on $alarm-amber"))
+                make_line(
+                    (fit_text_width(f" {row}", width), "bold $on-alarm-amber on $alarm-amber")
+                )
                 for row in wrap_text(", ".join(rates.notes), width - 2)[:2]
             ]
         each = (width - 1) // 2
@@ -95,8 +97,8 @@ class SmallPanel(Panel[SmallView]):
                 make_line(
                     *(
                         (
-                            fit_width(
-                                choose_fullest(
+                            fit_text_width(
+                                choose_longest_fit(
                                     (
                                         f" {tile.label} {tile.value.text} {tile.unit}  "
                                         f"{tile.below}",
@@ -116,7 +118,7 @@ class SmallPanel(Panel[SmallView]):
                     )
                 )
             )
-        return [*rows, make_line((fit_width(f" {view.hint}", width), "$muted"))]
+        return [*rows, make_line((fit_text_width(f" {view.hint}", width), "$muted"))]
 
 
 # The panel shows target and applied rate, readable from the seat, on pages with other contents:
@@ -140,14 +142,14 @@ class SeatRates(Panel[RatesView]):
         ):
             name = f" {label} {view.unit}"
             head: list[TextPart] = [
-                (fit_width(name, each - len(end)), f"bold {colour}"),
+                (fit_text_width(name, each - len(end)), f"bold {colour}"),
                 (end, level),
             ]
             body: list[list[TextPart]] = [
                 [
                     " ",
                     *make_solid_parts(
-                        fit_width(row, each - 1), "$stale" if shown.stale else colour
+                        fit_text_width(row, each - 1), "$stale" if shown.stale else colour
                     ),
                 ]
                 for row in draw_digits(shown.text, scale)
@@ -158,8 +160,8 @@ class SeatRates(Panel[RatesView]):
         return [make_line(*left, *right) for left, right in zip(*parts, strict=True)]
 
 
-_LEVEL_COLOURS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
-_LEVEL_MARKS = {"": " ", "amber": "!", "red": "✖"}
+_ERROR_LEVEL_COLOURS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
+_ERROR_LEVEL_MARKS = {"": " ", "amber": "!", "red": "✖"}
 
 
 def list_shorter_notes(notes: Sequence[str]) -> tuple[str, ...]:
@@ -206,9 +208,9 @@ class RatesPanel(Panel[RatesView]):
         rows += [
             make_line(
                 " ",
-                *make_solid_parts(fit_width(a, half - 1), target_style),
+                *make_solid_parts(fit_text_width(a, half - 1), target_style),
                 " ",
-                *make_solid_parts(fit_width(b, width - half - 1), applied_style),
+                *make_solid_parts(fit_text_width(b, width - half - 1), applied_style),
             )
             for a, b in zip(target, applied, strict=True)
         ]
@@ -225,10 +227,10 @@ class RatesPanel(Panel[RatesView]):
         """Return the reason for a different rate in a row of its own; with `error` it replaces the
         bar and includes the bar's value."""
         end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
-        note = choose_fullest(
+        note = choose_longest_fit(
             (f" {note} " for note in list_shorter_notes(view.notes)), width - cell_len(end)
         )
-        note = fit_width(note, min(cell_len(note), width - cell_len(end)))
+        note = fit_text_width(note, min(cell_len(note), width - cell_len(end)))
         return make_line(
             (note, "bold $on-alarm-amber on $alarm-amber"),
             " " * (width - cell_len(note) - cell_len(end)),
@@ -239,7 +241,7 @@ class RatesPanel(Panel[RatesView]):
     def _draw_error_bar(view: RatesView, width: int) -> Content:
         """Return the bar `error  -30 % [      |###     ] +30 %   +12 % !`, filled from the centre,
         so that sign and size are visible together."""
-        style = "$stale" if view.error.stale else _LEVEL_COLOURS[view.level]
+        style = "$stale" if view.error.stale else _ERROR_LEVEL_COLOURS[view.level]
         # A stale error must not alarm.
         chip = (
             f"bold $on-alarm-{view.level} on $alarm-{view.level}"
@@ -247,8 +249,8 @@ class RatesPanel(Panel[RatesView]):
             else (f"bold {style}")
         )
         label = f" {_('error')} "
-        value = f"{_LEVEL_MARKS[view.level]}{view.error.text:>6} "
-        low, high = f"-{ERROR_SPAN:.0%} ", f" +{ERROR_SPAN:.0%}"
+        value = f"{_ERROR_LEVEL_MARKS[view.level]}{view.error.text:>6} "
+        low, high = f"-{ERROR_BAR_SHARE:.0%} ", f" +{ERROR_BAR_SHARE:.0%}"
         room = width - sum(cell_len(part) for part in (label, " ", value, low, high))
         arm = max(2, (room - 1) // 2)
         share = view.error_share or 0.0

@@ -14,7 +14,7 @@ from topdress.console.app.widgets.panel import (
     Panel,
     TextPart,
     find_at_cell,
-    fit_width,
+    fit_text_width,
     make_line,
     place_in_row,
     spread_parts,
@@ -52,10 +52,10 @@ class TourBar(Panel[TourView | None]):
             return []
         (_skip_id, skip, start), (_end_id, end, _start) = place_tour_keys(width)
         style = "$background on $primary"
-        lead = fit_width(f" {_('guided tour')} {view.number}/{view.of}", start)
+        lead = fit_text_width(f" {_('guided tour')} {view.number}/{view.of}", start)
         return [
             *(
-                make_line((fit_width(f" {row}", width), f"bold {style}"))
+                make_line((fit_text_width(f" {row}", width), f"bold {style}"))
                 for row in wrap_text(view.text, width - 2)
             ),
             make_line((lead, style), (skip, "bold reverse"), (end, "bold reverse")),
@@ -122,7 +122,7 @@ class PageBar(Panel[PagesView]):
 
 
 # Parts that are dropped in this order where the row is too short; state and marks always stay.
-SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
+STATUS_SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
     lambda view: view._replace(elapsed=""),
     lambda view: view._replace(clock=""),
     lambda view: view._replace(strategy=""),
@@ -132,7 +132,7 @@ SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
 
 def fit_status(view: StatusView, width: int) -> StatusView:
     """Return the parts that fit next to state and marks: whole words are dropped, none is cut."""
-    for without in SHORTENINGS:
+    for without in STATUS_SHORTENINGS:
         if _count_status_cells(view) <= width:
             break
         view = without(view)

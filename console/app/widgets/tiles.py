@@ -11,15 +11,15 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.content import Content
 from textual.strip import Strip
-from topdress.console.app.braille import BLANK_CODE, trace_values
+from topdress.console.app.braille import BLANK_BRAILLE_CODE, trace_values
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.view import HeadsView, HeadView, TileView
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import (
     Panel,
     TextPart,
-    choose_fullest,
-    fit_width,
+    choose_longest_fit,
+    fit_text_width,
     make_line,
     make_solid_parts,
     spread_parts,
@@ -70,7 +70,7 @@ class HeadsPanel(Panel[HeadsView]):
             return [
                 (f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"),
                 " ",
-                (fit_width(word, room), "$on-alarm-amber on $alarm-amber"),
+                (fit_text_width(word, room), "$on-alarm-amber on $alarm-amber"),
                 (f" {head.value:>5} ", "$stale"),
             ]
         style = "$stale" if stale else "$target"
@@ -89,7 +89,7 @@ class HeadsPanel(Panel[HeadsView]):
 GRAPH_CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
 # Smallest range of a graph as a share of its largest value: noise is drawn as a flat line, not as a
 # mountain.
-LEAST_RANGE_SHARE = 0.05
+MIN_RANGE_SHARE = 0.05
 
 # Points (share of the time, share of the height); None interrupts the line.
 GraphPoints = tuple[tuple[float, float | None], ...]
@@ -110,7 +110,7 @@ def make_graph(
     if not known:
         return ()
     low, high = min(known), max(known)
-    least = LEAST_RANGE_SHARE * max(abs(low), abs(high)) or 1.0
+    least = MIN_RANGE_SHARE * max(abs(low), abs(high)) or 1.0
     if high - low < least:
         low, high = 0.5 * (low + high) - 0.5 * least, 0.5 * (low + high) + 0.5 * least
     return tuple(
@@ -136,7 +136,9 @@ class TileGraphs(Canvas[GraphsView]):
             segments: list[Segment] = []
             for cells in dots:
                 drawn = "".join(
-                    chr(BLANK_CODE | cells[place]) if (place := (column, row)) in cells else " "
+                    chr(BLANK_BRAILLE_CODE | cells[place])
+                    if (place := (column, row)) in cells
+                    else " "
                     for column in range(each - 2)
                 )
                 segments += [
@@ -158,13 +160,16 @@ class TilesPanel(Panel[tuple[TileView, ...]]):
         for tile in view:
             style = "$stale" if tile.value.stale else "$foreground"
             unit_room = each - cell_len(tile.label) - 2
-            rows[0] += [(f" {tile.label} ", "bold"), (fit_width(tile.unit, unit_room), "$muted")]
+            rows[0] += [
+                (f" {tile.label} ", "bold"),
+                (fit_text_width(tile.unit, unit_room), "$muted"),
+            ]
             for index, text in enumerate(_draw_large_number(tile.value.text, scale, each - 1)):
-                rows[1 + index] += [" ", *make_solid_parts(fit_width(text, each - 1), style)]
+                rows[1 + index] += [" ", *make_solid_parts(fit_text_width(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
-            text = fit_width(
-                choose_fullest((mark + tile.below, mark + tile.below_short), each - 2), each - 2
+            text = fit_text_width(
+                choose_longest_fit((mark + tile.below, mark + tile.below_short), each - 2), each - 2
             )
             rows[-1] += [" ", (text, under), " "]
         return [make_line(*row) for row in rows]

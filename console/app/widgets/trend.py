@@ -12,17 +12,17 @@ from rich.style import Style
 from textual import events
 from textual.message import Message
 from textual.strip import Strip
-from topdress.console.app.braille import BLANK_CODE, CELL_BITS, CellDots, trace_values
+from topdress.console.app.braille import BLANK_BRAILLE_CODE, CELL_DOT_BITS, CellDots, trace_values
 from topdress.console.app.history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.units import Unit
 from topdress.console.app.view import format_duration
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_right
+from topdress.console.app.widgets.panel import align_text_right
 from topdress.console.locale import _
 from topdress.console.scale import round_calm_ends
 
 # Columns for the numbers of the vertical axis.
-_AXIS_CELLS = 6
+_AXIS_LABEL_CELLS = 6
 
 
 class CursorReading(NamedTuple):
@@ -47,7 +47,7 @@ class TrendView(NamedTuple):
 
 def count_plot_columns(width: int) -> int:
     """Return the number of cells of the plot itself."""
-    return width - _AXIS_CELLS - 1
+    return width - _AXIS_LABEL_CELLS - 1
 
 
 class Trend(Canvas[TrendView]):
@@ -80,8 +80,10 @@ class Trend(Canvas[TrendView]):
         columns = count_plot_columns(self.content_size.width)
         if event.y == 0:
             self.post_message(self.Left())
-        elif _AXIS_CELLS <= event.x < _AXIS_CELLS + columns:
-            self.post_message(self.Pointed((2 * (event.x - _AXIS_CELLS) + 0.5) / (2 * columns - 1)))
+        elif _AXIS_LABEL_CELLS <= event.x < _AXIS_LABEL_CELLS + columns:
+            self.post_message(
+                self.Pointed((2 * (event.x - _AXIS_LABEL_CELLS) + 0.5) / (2 * columns - 1))
+            )
 
     def draw_rows(self, view: TrendView, width: int, height: int) -> list[Strip]:
         plot_rows, plot_columns = height - 2, count_plot_columns(width)
@@ -136,7 +138,9 @@ class Trend(Canvas[TrendView]):
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
-            segments = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
+            segments = [
+                Segment(align_text_right(labels.get(row, ""), _AXIS_LABEL_CELLS - 1) + " ", muted)
+            ]
             cells = list(
                 self._iterate_cells(row, plot_columns, targets, applieds, on_band, applied_style)
             )
@@ -151,10 +155,10 @@ class Trend(Canvas[TrendView]):
         middle = f"-{format_duration(view.span_s / 2)}"
         now = _("now")
         gap = plot_columns // 2 - len(start) - len(middle) // 2
-        rest = align_right(now, plot_columns - len(start) - gap - len(middle))
+        rest = align_text_right(now, plot_columns - len(start) - gap - len(middle))
         rows.append(
             self.make_text_strip(
-                width, (" " * _AXIS_CELLS + start + " " * gap + middle + rest, muted)
+                width, (" " * _AXIS_LABEL_CELLS + start + " " * gap + middle + rest, muted)
             )
         )
         return rows
@@ -174,7 +178,9 @@ class Trend(Canvas[TrendView]):
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
             if applied:
-                yield Segment(chr(BLANK_CODE | applied), tinted if target else applied_style)
+                yield Segment(
+                    chr(BLANK_BRAILLE_CODE | applied), tinted if target else applied_style
+                )
             else:
                 yield Segment(
                     _draw_solid_half(target) if target else " ",
@@ -186,7 +192,8 @@ def _draw_solid_half(dots: int) -> str:
     """Return the half block of a cell that contains these dots, or a full block if both halves
     contain dots."""
     upper, lower = (
-        dots & sum(left | right for left, right in half) for half in (CELL_BITS[:2], CELL_BITS[2:])
+        dots & sum(left | right for left, right in half)
+        for half in (CELL_DOT_BITS[:2], CELL_DOT_BITS[2:])
     )
     return "█" if upper and lower else "▀" if upper else "▄"
 

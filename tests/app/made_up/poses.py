@@ -43,7 +43,7 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
         if kind == "running":
             calibration.test.points.pop()
             calibration.test.change_setting(90.0, 50.0)
-            calibration.test.phase, calibration.test.turned = (
+            calibration.test.phase, calibration.test.shaft_turns = (
                 "weigh",
                 ShaftTurns(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0),
             )

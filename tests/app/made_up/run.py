@@ -11,7 +11,7 @@ import numpy as np
 from topdress.console.app.coverage_raster import Spot, WorkedGround
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.overlay_file import LaidFile
+from topdress.console.app.overlay_file import OverlayFile
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
@@ -195,7 +195,7 @@ class SampleLayers:
             LogFile("/logs/zones.geojson", "zones.geojson", "2025-09-30 08:05", "12.0 kB"),
         )
 
-    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
+    def make_overlay(self, path: str, frame: Frame) -> OverlayFile:
         if not path.endswith("autumn.geojson"):
             raise ValueError("zones.geojson: shapes of type Polygon: allowed Point")
         worked = WorkedGround(6.0)
@@ -213,7 +213,7 @@ class SampleLayers:
                     for along in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
                 ]
             )
-        return LaidFile(
+        return OverlayFile(
             "autumn.geojson", worked, frozenset({MapLayer.APPLIED, MapLayer.TARGET, MapLayer.ERROR})
         )
 

@@ -97,7 +97,7 @@ class Calibration:
     holds = False
 
     def __init__(self, page: CalibrateScreen, deeds: Mapping[str, KeyAction]) -> None:
-        self.page, self.deeds = page, deeds
+        self.page, self.key_actions = page, deeds
         self.fitted: Calibrated | None = None
         self.saved = ""
 

@@ -14,17 +14,17 @@ from typing import Literal, NamedTuple
 
 # The shaft stands below this speed, r/min; the paper on the lag starts its clock at the same
 # threshold.
-TURNING_RPM = 2.0
+MIN_TURNING_RPM = 2.0
 # After this time, s, flutes and tubes are full and the gate is at rest.
-SETTLING_S = 5.0
+SETTLING_TIME_S = 5.0
 # Advised duration of a catch, s; the bar on the screen is full after this time.
-ADVISED_WEIGH_S = 30.0
+ADVISED_CATCH_S = 30.0
 # A catch of fewer revolutions is too inaccurate for a point.
-LEAST_REVOLUTIONS = 3.0
+MIN_CATCH_REVOLUTIONS = 3.0
 # A line through fewer points has no measure of its scatter.
-LEAST_CATCHES = 3
+MIN_CATCHES = 3
 # Nothing is counted between two frames that are further apart than this, s: frames were lost.
-LONGEST_STEP_S = 1.0
+MAX_FRAME_STEP_S = 1.0
 # Readings averaged from the resting hopper scale, at five a second.
 RESTING_READINGS = 15
 # Largest error of a caught mass by the hopper scale, kg: four standard deviations (0.15 kg each) of
@@ -35,7 +35,7 @@ SCALE_ERROR_KG = 0.6
 SCALE_ERROR_SHARE = 0.25
 # Products differ by less than this factor in grams per revolution; a missing decimal point gives at
 # least 10.
-MODEL_FACTOR = 3.0
+MAX_MODEL_RATIO = 3.0
 
 CatchPhase = Literal["settle", "weigh"]
 
@@ -99,7 +99,7 @@ class CatchRun:
     def __init__(self, shaft_rpm: float, opening_mm: float) -> None:
         self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
         self.phase: CatchPhase = "settle"
-        self.turned = ShaftTurns()
+        self.shaft_turns = ShaftTurns()
         self.points: list[CatchPoint] = []
         self._last: _CatchSample | None = None
         self._resting_kg: deque[float] = deque(maxlen=RESTING_READINGS)
@@ -118,12 +118,12 @@ class CatchRun:
 
     def settle_again(self) -> None:
         """Begin to settle again; weighed points remain."""
-        self.phase, self.turned, self._before_kg = "settle", ShaftTurns(), None
+        self.phase, self.shaft_turns, self._before_kg = "settle", ShaftTurns(), None
 
     @property
     def can_weigh(self) -> bool:
         """Whether the catch has enough revolutions to be weighed."""
-        return self.phase == "weigh" and self.turned.revolutions >= LEAST_REVOLUTIONS
+        return self.phase == "weigh" and self.shaft_turns.revolutions >= MIN_CATCH_REVOLUTIONS
 
     @property
     def scale_loss_kg(self) -> float | None:
@@ -134,7 +134,7 @@ class CatchRun:
             return None
         return self._before_kg - fmean(self._resting_kg)
 
-    def is_against_scale(self, mass_kg: float) -> bool:
+    def contradicts_scale(self, mass_kg: float) -> bool:
         """Return whether the hopper scale contradicts this mass."""
         says = self.scale_loss_kg
         return says is not None and abs(mass_kg - says) > max(
@@ -149,16 +149,16 @@ class CatchRun:
         of
             `CalibrateService.expected_kg`.
         """
-        turned = self.turned
+        turned = self.shaft_turns
         return of(
             turned.shaft_rpm_rev / turned.revolutions,
             turned.opening_mm_rev / turned.revolutions,
             turned.revolutions,
         )
 
-    def add_weighed(self, mass_kg: float) -> None:
+    def add_weighed_catch(self, mass_kg: float) -> None:
         """Add a point with the caught mass. The next catch at this setting needs no settling."""
-        turned = self.turned
+        turned = self.shaft_turns
         shaft_rpm = turned.shaft_rpm_rev / turned.revolutions
         self.points.append(
             CatchPoint(
@@ -168,7 +168,7 @@ class CatchRun:
                 mass_kg,
             )
         )
-        self.turned, self._before_kg = ShaftTurns(), None
+        self.shaft_turns, self._before_kg = ShaftTurns(), None
 
     def undo_point(self) -> None:
         """Remove the last point."""
@@ -208,21 +208,23 @@ class CatchRun:
             )
         )
         last, self._last = self._last, now
-        turning = now is not None and now.shaft_rpm > TURNING_RPM
+        turning = now is not None and now.shaft_rpm > MIN_TURNING_RPM
         if turning or running:
             # The scale is valid only at rest, so the mass before the catch is the mean up to the
             # first revolution.
-            if self.turned.revolutions == 0.0 and self._resting_kg:
+            if self.shaft_turns.revolutions == 0.0 and self._resting_kg:
                 self._before_kg = fmean(self._resting_kg)
             self._resting_kg.clear()
         elif hopper_kg is not None:
             self._resting_kg.append(hopper_kg)
-        if last is None or now is None or not 0.0 < now.time_s - last.time_s <= LONGEST_STEP_S:
+        if last is None or now is None or not 0.0 < now.time_s - last.time_s <= MAX_FRAME_STEP_S:
             return
         # The trapezoidal mean counts ramps correctly between two frames.
         mean_rpm = 0.5 * (max(0.0, now.shaft_rpm) + max(0.0, last.shaft_rpm))
-        if mean_rpm > TURNING_RPM:
+        if mean_rpm > MIN_TURNING_RPM:
             mean_mm = 0.5 * (now.opening_mm + last.opening_mm)
-            self.turned = self.turned.add_interval(now.time_s - last.time_s, mean_rpm, mean_mm)
-        elif not running and self.phase == "settle" and self.turned.seconds >= SETTLING_S:
-            self.phase, self.turned, self._before_kg = "weigh", ShaftTurns(), None
+            self.shaft_turns = self.shaft_turns.add_interval(
+                now.time_s - last.time_s, mean_rpm, mean_mm
+            )
+        elif not running and self.phase == "settle" and self.shaft_turns.seconds >= SETTLING_TIME_S:
+            self.phase, self.shaft_turns, self._before_kg = "weigh", ShaftTurns(), None

@@ -15,10 +15,10 @@ from topdress.console.app.pages.calibrate.calibration import (
     make_curve,
 )
 from topdress.console.app.pages.calibrate.catch import (
-    ADVISED_WEIGH_S,
-    LEAST_CATCHES,
-    MODEL_FACTOR,
-    SETTLING_S,
+    ADVISED_CATCH_S,
+    MAX_MODEL_RATIO,
+    MIN_CATCHES,
+    SETTLING_TIME_S,
     CatchRun,
 )
 from topdress.console.app.pages.calibrate.curve import CurveView
@@ -30,7 +30,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
     ProgressRow,
 )
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.view import STALE_S
+from topdress.console.app.view import MAX_FRESH_AGE_S
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
 from topdress.control.orders import Do, Order
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 # Settings closer than this, r/min, count as one setting.
-SPEED_STEP_RPM = 1.0
+MIN_SPEED_DIFFERENCE_RPM = 1.0
 # Openings closer than this, mm, count as one setting.
-OPENING_STEP_MM = 0.5
+MIN_OPENING_DIFFERENCE_MM = 0.5
 # A released run ends at once, but the shaft still turns while it slows down in state "ready".
-BENCH_STATES = ("calibrating", "ready")
+BENCH_TEST_STATES = ("calibrating", "ready")
 
 
 class CatchCalibration(HeldRun):
@@ -73,7 +73,7 @@ class CatchCalibration(HeldRun):
         frame = seen.frame
         if frame is None:
             return
-        if frame.row.state not in BENCH_STATES:
+        if frame.row.state not in BENCH_TEST_STATES:
             self.test.pause_counting()
         else:
             self.test.add_frame(
@@ -95,8 +95,8 @@ class CatchCalibration(HeldRun):
     def find_step(self, seen: FrameSeen) -> int:
         test = self.test
         if self.fitted is not None or (
-            len(test.points) >= LEAST_CATCHES
-            and test.turned.revolutions == 0.0
+            len(test.points) >= MIN_CATCHES
+            and test.shaft_turns.revolutions == 0.0
             and not seen.is_calibrating
         ):
             return 4
@@ -107,7 +107,7 @@ class CatchCalibration(HeldRun):
         return 3 if test.can_weigh and not seen.is_calibrating else 2
 
     def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
-        rest = max(0, LEAST_CATCHES - len(self.test.points))
+        rest = max(0, MIN_CATCHES - len(self.test.points))
         return (
             GuideStep(
                 _("make ready"),
@@ -116,7 +116,7 @@ class CatchCalibration(HeldRun):
             GuideStep(
                 _("settle"),
                 _("Enough: let go of I.")
-                if self.test.turned.seconds >= SETTLING_S
+                if self.test.shaft_turns.seconds >= SETTLING_TIME_S
                 else _(
                     "A vessel under the outlets. Hold I until the bar is full; what fell is "
                     "put back."
@@ -125,11 +125,11 @@ class CatchCalibration(HeldRun):
             GuideStep(
                 _("catch"),
                 _("Enough: let go of I.")
-                if self.test.turned.seconds >= ADVISED_WEIGH_S
+                if self.test.shaft_turns.seconds >= ADVISED_CATCH_S
                 else _(
                     "Empty vessels of known weight under all outlets. Hold I for about "
                     "{seconds} s, then let go."
-                ).format(seconds=f"{ADVISED_WEIGH_S:.0f}"),
+                ).format(seconds=f"{ADVISED_CATCH_S:.0f}"),
             ),
             GuideStep(
                 _("weigh"),
@@ -147,12 +147,12 @@ class CatchCalibration(HeldRun):
 
     def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
-        old = seen.age_s > STALE_S or row is None
+        old = seen.age_s > MAX_FRESH_AGE_S or row is None
         shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
         opening = "--" if row is None or row.opening_mm is None else f"{row.opening_mm:.1f}"
         settling = test.phase == "settle"
-        seconds, turns = test.turned.seconds, test.turned.revolutions
-        settled = 1.0 if not settling else seconds / SETTLING_S
+        seconds, turns = test.shaft_turns.seconds, test.shaft_turns.revolutions
+        settled = 1.0 if not settling else seconds / SETTLING_TIME_S
         caught_s, caught_turns = (0.0, 0.0) if settling else (seconds, turns)
         caught = f"{caught_s:4.1f} s {caught_turns:6.1f} {_('turns')}"
         bars: list[ProgressRow] = [
@@ -161,12 +161,12 @@ class CatchCalibration(HeldRun):
             BarRow(
                 _("settle"),
                 round(settled, 2),
-                f"{min(seconds if settling else SETTLING_S, 99.0):4.1f} s",
+                f"{min(seconds if settling else SETTLING_TIME_S, 99.0):4.1f} s",
                 "lead" if settling and seen.is_calibrating else "",
             ),
             BarRow(
                 _("catch"),
-                round(min(1.0, caught_s / ADVISED_WEIGH_S), 2),
+                round(min(1.0, caught_s / ADVISED_CATCH_S), 2),
                 caught,
                 "lead" if not settling and seen.is_calibrating else "",
             ),
@@ -206,8 +206,8 @@ class CatchCalibration(HeldRun):
         openings = [one.opening_mm for one in points]
         # The curve is drawn over the quantity that was varied.
         by_speed = bool(points) and (
-            max(openings) - min(openings) < OPENING_STEP_MM
-            and max(speeds) - min(speeds) > SPEED_STEP_RPM
+            max(openings) - min(openings) < MIN_OPENING_DIFFERENCE_MM
+            and max(speeds) - min(speeds) > MIN_SPEED_DIFFERENCE_RPM
         )
         across = speeds if by_speed else openings
         return make_curve(
@@ -219,7 +219,7 @@ class CatchCalibration(HeldRun):
 
     def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         test, step, free = self.test, self.find_step(seen), not seen.is_calibrating
-        enough = len(test.points) >= LEAST_CATCHES
+        enough = len(test.points) >= MIN_CATCHES
         return (
             Chip("cal_ready", "R", _("make ready"), not seen.is_ready, lead=step == 0),
             Chip("cal_shaft", "Q1", _("shaft speed"), free),
@@ -257,7 +257,7 @@ class CatchCalibration(HeldRun):
             NumberDialog(
                 _("Shaft speed"),
                 "r/min",
-                *self.page.served.shaft_rpm,
+                *self.page.required_service.shaft_rpm,
                 _("The shaft turns only while I is held."),
             ),
             lambda shaft_rpm: self.test.change_setting(shaft_rpm=shaft_rpm),
@@ -266,7 +266,7 @@ class CatchCalibration(HeldRun):
     def _ask_opening_mm(self) -> None:
         """Ask for the opening, mm."""
         self.page.ask_question(
-            NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
+            NumberDialog(_("Opening"), "mm", *self.page.required_service.opening_mm),
             lambda opening_mm: self.test.change_setting(opening_mm=opening_mm),
         )
 
@@ -282,10 +282,11 @@ class CatchCalibration(HeldRun):
             return
         unit = self.page.app.units.mass
         text = _("{turns} turns in {seconds} s").format(
-            turns=f"{self.test.turned.revolutions:.1f}", seconds=f"{self.test.turned.seconds:.1f}"
+            turns=f"{self.test.shaft_turns.revolutions:.1f}",
+            seconds=f"{self.test.shaft_turns.seconds:.1f}",
         )
         # Rounding inwards keeps the displayed limits within the range in SI units.
-        low, high = round_inwards(unit, 0.001, self.page.served.most_kg, 3)
+        low, high = round_inwards(unit, 0.001, self.page.required_service.most_kg, 3)
         self.page.ask_question(
             NumberDialog(
                 _("Weighed, all outlets together"),
@@ -296,7 +297,7 @@ class CatchCalibration(HeldRun):
                 unit.convert_to_si,
                 doubt=self._explain_doubt,
             ),
-            self._add_weighed,
+            self._add_weighed_catch,
         )
 
     def _explain_doubt(self, mass_kg: float) -> str:
@@ -308,21 +309,21 @@ class CatchCalibration(HeldRun):
                 _("The hopper scale lost about {mass}.").format(
                     mass=mass.format_with_name(self.test.scale_loss_kg)
                 )
-                if self.test.is_against_scale(mass_kg)
+                if self.test.contradicts_scale(mass_kg)
                 else ""
             )
-        expected_kg = self.test.predict_kg(self.page.served.expected_kg)
-        if expected_kg <= 0.0 or 1.0 / MODEL_FACTOR <= mass_kg / expected_kg <= MODEL_FACTOR:
+        expected_kg = self.test.predict_kg(self.page.required_service.expected_kg)
+        if expected_kg <= 0.0 or 1.0 / MAX_MODEL_RATIO <= mass_kg / expected_kg <= MAX_MODEL_RATIO:
             return ""
         return _("By the machine file it would be about {mass}.").format(
             mass=mass.format_with_name(expected_kg)
         )
 
-    def _add_weighed(self, mass_kg: float) -> None:
+    def _add_weighed_catch(self, mass_kg: float) -> None:
         # The operator may have started another run while the dialog was open.
         """Add a weighed catch and drop the result, which lacks it."""
         if self.test.can_weigh:
-            self.test.add_weighed(mass_kg)
+            self.test.add_weighed_catch(mass_kg)
             self.forget_result()
             self.page.app.show_notice(
                 _("weighed: {mass}").format(
@@ -332,10 +333,10 @@ class CatchCalibration(HeldRun):
 
     def _fit_flow_model(self) -> None:
         """Fit the flow model to the catches, in a thread."""
-        service, points = self.page.served, tuple(self.test.points)
-        if len(points) < LEAST_CATCHES:
+        service, points = self.page.required_service, tuple(self.test.points)
+        if len(points) < MIN_CATCHES:
             self.page.app.show_notice(
-                _("{have} of {count} catches done").format(count=LEAST_CATCHES, have=len(points))
+                _("{have} of {count} catches done").format(count=MIN_CATCHES, have=len(points))
             )
         else:
             self.page.compute_in_thread(lambda: service.fit_catch(points), self.take_result)

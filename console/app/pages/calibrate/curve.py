@@ -14,13 +14,13 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.braille import BLANK_CODE, CELL_BITS
+from topdress.console.app.braille import BLANK_BRAILLE_CODE, CELL_DOT_BITS
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_right, fit_width
+from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Columns for the numbers of the vertical axis.
-_AXIS_CELLS = 8
+_AXIS_LABEL_CELLS = 8
 
 
 class CurveView(NamedTuple):
@@ -42,7 +42,7 @@ class CurveView(NamedTuple):
     line: tuple[tuple[float, float, float, float], ...] = ()
 
 
-def round_ends(values: list[float], least: float) -> tuple[float, float]:
+def round_axis_ends(values: list[float], least: float) -> tuple[float, float]:
     """Return round ends that contain all values with a margin and differ by at least `least`."""
     low, high = min(values), max(values)
     if high - low < least:
@@ -64,7 +64,7 @@ class CurvePlot(Canvas[CurveView]):
     }
 
     def draw_rows(self, view: CurveView, width: int, height: int) -> list[Strip]:
-        rows, columns = height - 2, width - _AXIS_CELLS - 1
+        rows, columns = height - 2, width - _AXIS_LABEL_CELLS - 1
         # A plot of fewer cells shows nothing readable.
         if rows < 2 or columns < 10:
             return []
@@ -90,13 +90,14 @@ class CurvePlot(Canvas[CurveView]):
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
         if not ys:
             blank = self.make_text_strip(
-                width, (align_right(_("no points yet"), _AXIS_CELLS + columns // 2 + 6), muted)
+                width,
+                (align_text_right(_("no points yet"), _AXIS_LABEL_CELLS + columns // 2 + 6), muted),
             )
             return [*strips, *([Strip.blank(width, self.rich_style)] * (rows // 2)), blank]
         xs = [x for x, _y in view.points] + [one[0] for one in view.line]
         across, up = (
-            round_ends(xs, max(1.0, 0.1 * abs(max(xs)))),
-            round_ends(ys, max(0.001, 0.02 * abs(max(ys)))),
+            round_axis_ends(xs, max(1.0, 0.1 * abs(max(xs)))),
+            round_axis_ends(ys, max(0.001, 0.02 * abs(max(ys)))),
         )
 
         def find_dot(x: float, y: float) -> tuple[int, int]:
@@ -105,11 +106,11 @@ class CurvePlot(Canvas[CurveView]):
                 round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)),
             )
 
-        line = _join_places([find_dot(x, y) for x, y, _low, _high in view.line])
+        line = _connect_dots([find_dot(x, y) for x, y, _low, _high in view.line])
         edges = {
             place
             for edge in (2, 3)
-            for place in _join_places([find_dot(one[0], one[edge]) for one in view.line])
+            for place in _connect_dots([find_dot(one[0], one[edge]) for one in view.line])
             # Every second cell only, so that the edges of the band look dotted.
             if place[0] % 4 == 0
         }
@@ -120,7 +121,9 @@ class CurvePlot(Canvas[CurveView]):
                 up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up
             )
         for row in range(rows):
-            cells = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
+            cells = [
+                Segment(align_text_right(labels.get(row, ""), _AXIS_LABEL_CELLS - 1) + " ", muted)
+            ]
             cells += [
                 _draw_cell(
                     column,
@@ -137,16 +140,16 @@ class CurvePlot(Canvas[CurveView]):
             ]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
         first, last = _format_axis_number(across[0], across), _format_axis_number(across[1], across)
-        middle = fit_width(f" {view.x_name}", max(0, columns - len(first) - len(last)))
+        middle = fit_text_width(f" {view.x_name}", max(0, columns - len(first) - len(last)))
         strips.append(
             self.make_text_strip(
-                width, (" " * _AXIS_CELLS + first, muted), (middle, title), (last, muted)
+                width, (" " * _AXIS_LABEL_CELLS + first, muted), (middle, title), (last, muted)
             )
         )
         return strips
 
 
-def _join_places(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
+def _connect_dots(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     """Return every dot on the straight lines between successive positions."""
     found = set(places)
     for (x0, y0), (x1, y1) in pairwise(places):
@@ -175,13 +178,13 @@ def _draw_cell(
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
         bits = sum(
-            CELL_BITS[y][x]
+            CELL_DOT_BITS[y][x]
             for y in range(4)
             for x in range(2)
             if (2 * column + x, 4 * row + y) in places
         )
         if bits:
-            return Segment(chr(BLANK_CODE | bits), style)
+            return Segment(chr(BLANK_BRAILLE_CODE | bits), style)
     return None
 
 

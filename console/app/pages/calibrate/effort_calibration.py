@@ -75,7 +75,10 @@ class EffortCalibration(Calibration):
 
     def _fit_effort(self, seen: FrameSeen) -> None:
         """Fit the effort of the drives to the log of this run, in a thread."""
-        service, path = self.page.served, "" if seen.frame is None else seen.frame.log_path
+        service, path = (
+            self.page.required_service,
+            "" if seen.frame is None else seen.frame.log_path,
+        )
         if path:
             self.page.compute_in_thread(lambda: service.fit_effort(path), self.take_result)
         else:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
@@ -48,7 +48,7 @@ class GuidePanel(Panel[GuideView]):
             tail += [
                 make_line(
                     (
-                        fit_width(f" ! {row}" if not index else f"   {row}", width),
+                        fit_text_width(f" ! {row}" if not index else f"   {row}", width),
                         "bold $on-alarm-amber on $alarm-amber",
                     )
                 )
@@ -91,7 +91,7 @@ class GuidePanel(Panel[GuideView]):
             rows.append(
                 make_line(
                     (
-                        fit_width(f" {mark} {index + 1} {step.title}", width),
+                        fit_text_width(f" {mark} {index + 1} {step.title}", width),
                         "bold" if index == now else "$muted",
                     )
                 )

@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 CHECK_DURATION_S = 30.0
 # Offset, as a share of the median, beyond which a head counts as fouled. Published fouling is 2 to
 # 10 %; clean heads agree to 0.1 %.
-FOULED_SHARE = 0.04
+FOULED_OFFSET_SHARE = 0.04
 # Standard deviation about the median beyond which a head counts as unsteady; a good head has 0.01,
 # and the crop about as much.
-UNSTEADY_NDVI = 0.05
+MAX_STEADY_SPREAD_NDVI = 0.05
 # With two heads the median cannot show which head is wrong.
-LEAST_HEADS = 3
+MIN_HEADS = 3
 # A mean of fewer readings has too large a standard error.
-LEAST_SAMPLES = 25
+MIN_HEAD_SAMPLES = 25
 # A head with fewer readings than this share of all samples counts as silent.
-SILENT_SHARE = 0.5
+MIN_SAMPLE_SHARE = 0.5
 
 HeadVerdict = Literal["", "good", "fouled", "unsteady", "silent"]
 
 
-class HeadFound(NamedTuple):
+class HeadFinding(NamedTuple):
     """Holds the findings on one head: offset and spread of its NDVI against the median of all
     heads. None means too few readings."""
 
@@ -60,7 +60,7 @@ class HeadsCheck:
     def __init__(self) -> None:
         self.started_s: float | None = None
         self.seconds = 0.0
-        self._apart: list[list[float]] = []
+        self._deviations: list[list[float]] = []
         self._medians: list[float] = []
         self._last: tuple[float | None, ...] = ()
 
@@ -77,7 +77,7 @@ class HeadsCheck:
     def start_check(self, time_s: float) -> None:
         """Start the check at a time of the run, s."""
         self.started_s, self.seconds = time_s, 0.0
-        self._apart, self._medians = [], []
+        self._deviations, self._medians = [], []
 
     def add_frame(self, time_s: float, ndvi: Sequence[float | None]) -> None:
         """Add a frame with the NDVI of every head from left to right; None marks a silent head."""
@@ -86,32 +86,32 @@ class HeadsCheck:
             return
         self.seconds = max(0.0, time_s - self.started_s)
         # The number of heads is known only from the frames.
-        while len(self._apart) < len(ndvi):
-            self._apart.append([])
+        while len(self._deviations) < len(ndvi):
+            self._deviations.append([])
         known = [value for value in ndvi if value is not None]
-        if len(known) < LEAST_HEADS:
+        if len(known) < MIN_HEADS:
             return
         # The median is insensitive to one or two faulty heads, unlike the mean.
         middle = median(known)
         self._medians.append(middle)
-        for apart, value in zip(self._apart, ndvi, strict=False):
+        for apart, value in zip(self._deviations, ndvi, strict=False):
             if value is not None:
                 apart.append(value - middle)
 
-    def list_heads(self) -> tuple[HeadFound, ...]:
+    def list_heads(self) -> tuple[HeadFinding, ...]:
         """Return the findings on each head so far; verdicts exist only after the duration has
         elapsed."""
-        return tuple(self._judge_head(index) for index in range(len(self._last)))
+        return tuple(self._assess_head(index) for index in range(len(self._last)))
 
-    def _judge_head(self, index: int) -> HeadFound:
+    def _assess_head(self, index: int) -> HeadFinding:
         """Return the findings on one head."""
         now = self._last[index]
-        apart = self._apart[index] if index < len(self._apart) else []
+        apart = self._deviations[index] if index < len(self._deviations) else []
         if len(apart) < 2:
-            return HeadFound(index + 1, now, None, None, "silent" if self.is_done else "")
+            return HeadFinding(index + 1, now, None, None, "silent" if self.is_done else "")
         offset = fmean(apart)
         spread = sqrt(fmean((value - offset) ** 2 for value in apart))
-        return HeadFound(
+        return HeadFinding(
             index + 1, now, offset, spread, self._choose_verdict(len(apart), offset, spread)
         )
 
@@ -119,14 +119,18 @@ class HeadsCheck:
         """Return the verdict on a head with `count` readings."""
         if not self.is_done:
             return ""
-        if count < max(LEAST_SAMPLES, SILENT_SHARE * len(self._medians)):
+        if count < max(MIN_HEAD_SAMPLES, MIN_SAMPLE_SHARE * len(self._medians)):
             return "silent"
-        if spread > UNSTEADY_NDVI:
+        if spread > MAX_STEADY_SPREAD_NDVI:
             return "unsteady"
         # Two standard errors of the mean offset are subtracted, so that chance does not make a head
         # "fouled".
         certain = 2.0 * spread / sqrt(count)
-        return "fouled" if abs(offset) - certain > FOULED_SHARE * fmean(self._medians) else "good"
+        return (
+            "fouled"
+            if abs(offset) - certain > FOULED_OFFSET_SHARE * fmean(self._medians)
+            else "good"
+        )
 
 
 # NDVI at the ends of the bars.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def make_page_action(name: str) -> Callable[[CalibrateScreen], None]:
     """Return a function that runs the open calibration's function for an action."""
-    return lambda page: page.do_action(name)
+    return lambda page: page.run_calibration_key(name)
 
 
 ACTIONS = set_page(

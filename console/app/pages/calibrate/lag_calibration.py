@@ -52,7 +52,7 @@ class LagCalibration(HeldRun):
         super().__init__(
             page,
             {
-                "cal_begin": self._begin_or_end,
+                "cal_begin": self._toggle_lag_test,
                 "cal_table": lambda _seen: self._ask_for_table(),
                 "cal_fit": lambda _seen: self._fit_lag_line(),
             },
@@ -210,7 +210,7 @@ class LagCalibration(HeldRun):
             self.make_save_chip(),
         )
 
-    def _begin_or_end(self, seen: FrameSeen) -> None:
+    def _toggle_lag_test(self, seen: FrameSeen) -> None:
         """Begin the lag test on the rig, or end the test in progress."""
         if not self.has_rig(seen):
             self.page.app.show_notice(_("no lag rig is in the cab file"))
@@ -228,7 +228,7 @@ class LagCalibration(HeldRun):
 
     def _ask_for_table(self) -> None:
         """Ask for a bench table; the list is read in a thread."""
-        service = self.page.served
+        service = self.page.required_service
         self.page.compute_in_thread(lambda: tuple(service.lag_tables()), self._show_tables)
 
     def _show_tables(self, tables: tuple[LagTable, ...]) -> None:
@@ -242,7 +242,7 @@ class LagCalibration(HeldRun):
             if path == OTHER_FILE:
                 self.page.ask_question(NameDialog(_("Bench table (CSV)"), ""), self._open_table)
             else:
-                self._take_table(next(table for table in tables if table.path == path))
+                self._adopt_table(next(table for table in tables if table.path == path))
 
         if tables:
             self.page.ask_question(ChoiceDialog(_("Which bench table?"), choices, ""), open_chosen)
@@ -251,10 +251,10 @@ class LagCalibration(HeldRun):
 
     def _open_table(self, path: str) -> None:
         """Read a table from a path, in a thread."""
-        service = self.page.served
-        self.page.compute_in_thread(lambda: service.open_lag_table(path), self._take_table)
+        service = self.page.required_service
+        self.page.compute_in_thread(lambda: service.open_lag_table(path), self._adopt_table)
 
-    def _take_table(self, table: LagTable) -> None:
+    def _adopt_table(self, table: LagTable) -> None:
         """Adopt a table, and ask for its rows if it has several labels."""
         self.table, self.label = table, None
         self.forget_result()
@@ -263,19 +263,19 @@ class LagCalibration(HeldRun):
                 ChoiceDialog(
                     _("Which rows?"), [Choice(label, label) for label in table.labels], ""
                 ),
-                self._take_label,
+                self._adopt_label,
             )
         else:
             self._fit_lag_line()
 
-    def _take_label(self, label: str) -> None:
+    def _adopt_label(self, label: str) -> None:
         """Adopt the rows of a label and fit the line."""
         self.label = label
         self._fit_lag_line()
 
     def _fit_lag_line(self) -> None:
         """Fit the lag line to the chosen table, else to the runs of the rig."""
-        service, table, label = self.page.served, self.table, self.label
+        service, table, label = self.page.required_service, self.table, self.label
         path = (
             table.path
             if table is not None

@@ -47,7 +47,7 @@ from topdress.control.orders import Answer, Do, Order
 
 # Period of repeated orders while a key is held, s. The control worker stops the shaft 0.5 s after
 # the last order, so a dead console cannot leave it turning.
-REPEAT_PERIOD_S = 0.1
+ORDER_REPEAT_PERIOD_S = 0.1
 
 GiveOrder = Callable[[Order], Awaitable[Answer]]
 StartTask = Callable[[Awaitable[None]], object]
@@ -67,17 +67,17 @@ class HeldRunner:
     def __init__(self, give: GiveOrder, start: StartTask) -> None:
         self.held = HeldKey()
         # Reason why the shaft stands still, in words.
-        self.said = ""
+        self.standstill_reason = ""
         self._give, self._start = give, start
         self._running = False
         # Minus one period lets the first order leave at once.
-        self._sent_s = -REPEAT_PERIOD_S
+        self._sent_s = -ORDER_REPEAT_PERIOD_S
 
     def note_key(self, now_s: float) -> None:
         """Record a press of the key."""
         self.held.note_key(now_s)
         if self.held.is_armed:
-            self.said = _(
+            self.standstill_reason = _(
                 "Keep it pressed: the shaft turns while the key or the mouse button is down."
             )
 
@@ -105,10 +105,10 @@ class HeldRunner:
                 self._running = False
                 self._start(self._end_run())
         elif not self._running:
-            self._running, self._sent_s, self.said = True, now_s, ""
+            self._running, self._sent_s, self.standstill_reason = True, now_s, ""
             self._start(self._begin_run(tuple(settings), now_s))
         # The tolerance of 1 ms accepts a timer that fires slightly early.
-        elif now_s - self._sent_s >= REPEAT_PERIOD_S - 1e-3:
+        elif now_s - self._sent_s >= ORDER_REPEAT_PERIOD_S - 1e-3:
             self._sent_s = now_s
             self._start(self._repeat_order(now_s))
 
@@ -116,26 +116,26 @@ class HeldRunner:
         # CALIBRATE comes first: safety accepts set-points only in this state.
         """Send the orders that begin a run; a refusal ends the sequence."""
         for order in (Order(Do.CALIBRATE), *settings):
-            if not self._running or not self._is_kept(await self._give(order), now_s):
+            if not self._running or not self._continues_after(await self._give(order), now_s):
                 return
 
     async def _repeat_order(self, now_s: float) -> None:
         """Repeat the order that keeps the run alive."""
         if self._running:
-            self._is_kept(await self._give(Order(Do.CALIBRATE)), now_s)
+            self._continues_after(await self._give(Order(Do.CALIBRATE)), now_s)
 
     async def _end_run(self) -> None:
         """Send the order that ends a run."""
         await self._give(Order(Do.RELEASE))
 
-    def _is_kept(self, answer: Answer, now_s: float) -> bool:
+    def _continues_after(self, answer: Answer, now_s: float) -> bool:
         """Return whether the run goes on. A refusal ends the run; a late answer does not, because
         the worker's own timeout decides."""
         if answer.accepted or answer.why == "no_answer":
             return True
         if self._running:
             self._running = False
-            self.said = words.describe_refusal(answer.why)
+            self.standstill_reason = words.describe_refusal(answer.why)
             self.held.block_repeats(now_s)
             self._start(self._end_run())
         return False
@@ -182,9 +182,9 @@ class TabsRow(Panel[TabsView]):
 
 
 # Period at which a held key is checked, s.
-WATCH_PERIOD_S = 0.05
+HELD_KEY_PERIOD_S = 0.05
 # Actions that need the ranges or the model of the machine's file.
-COMPUTING_ACTIONS = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})
+SERVICE_ACTIONS = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})
 T = TypeVar("T")
 
 
@@ -230,7 +230,7 @@ class CalibrateScreen(Page):
     def on_mount(self) -> None:
         """Start the timer that checks the held key."""
         if self.app.live:
-            self._watch = self.set_interval(WATCH_PERIOD_S, self.watch_hold)
+            self._watch = self.set_interval(HELD_KEY_PERIOD_S, self.watch_hold)
 
     @property
     def calibration(self) -> Calibration:
@@ -238,7 +238,7 @@ class CalibrateScreen(Page):
         return self.calibrations[self.at]
 
     @property
-    def served(self) -> CalibrateService:
+    def required_service(self) -> CalibrateService:
         """Service, for actions that need one; `run_calibration_key` has excluded None."""
         assert self.service is not None
         return self.service
@@ -280,7 +280,7 @@ class CalibrateScreen(Page):
                 tuple(_(calibration.name) for calibration in self.calibrations), self.at, "< >"
             )
         )
-        guide = self.calibration.make_guide(seen, self.busy or self.runner.said)
+        guide = self.calibration.make_guide(seen, self.busy or self.runner.standstill_reason)
         self.query_one("#cal-guide", GuidePanel).show_view(guide)
         self.query_one("#cal-sheet", ProgressRows).show_view(
             self.calibration.list_progress_rows(seen)
@@ -294,12 +294,12 @@ class CalibrateScreen(Page):
     # --- what is done
     # --------------------------------------------------------------------------------------------
 
-    def do_action(self, name: str) -> None:
+    def run_calibration_key(self, name: str) -> None:
         """Run the open calibration's function for a key, or explain why it has none."""
-        deed = self.calibration.deeds.get(name)
+        deed = self.calibration.key_actions.get(name)
         if name == "cal_fit" and self.busy:
             self.app.show_notice(self.busy)
-        elif name in COMPUTING_ACTIONS and self.service is None:
+        elif name in SERVICE_ACTIONS and self.service is None:
             self.app.show_notice(_("calibration is not available here: start topdress run"))
         elif deed is None:
             self.app.show_notice(_("this key belongs to another calibration"))
@@ -317,7 +317,7 @@ class CalibrateScreen(Page):
     def choose_calibration(self, index: int) -> None:
         """Open another calibration; a held run ends."""
         self.runner.release_all(self.app.clock())
-        self.runner.said = ""
+        self.runner.standstill_reason = ""
         self.at = index % len(self.calibrations)
 
     def on_picked(self, event: Picked) -> None:

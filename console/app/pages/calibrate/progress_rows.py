@@ -11,8 +11,8 @@ from textual.content import Content
 from topdress.console.app.widgets.panel import (
     Panel,
     TextPart,
-    align_right,
-    fit_width,
+    align_text_right,
+    fit_text_width,
     make_line,
     make_solid_parts,
     wrap_text,
@@ -107,12 +107,17 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
             each = max(3, (width - 1) // max(1, len(row.cells)))
             style = "$muted" if row.heading else _LEVEL_STYLES[row.level]
             return make_line(
-                (fit_width("".join(align_right(cell, each) for cell in row.cells), width), style)
+                (
+                    fit_text_width(
+                        "".join(align_text_right(cell, each) for cell in row.cells), width
+                    ),
+                    style,
+                )
             )
-        label: TextPart = (fit_width(f" {row.label}", labels), "$muted")
+        label: TextPart = (fit_text_width(f" {row.label}", labels), "$muted")
         if isinstance(row, LineRow):
             return make_line(
-                label, (fit_width(f" {row.text}", width - labels), _LEVEL_STYLES[row.level])
+                label, (fit_text_width(f" {row.text}", width - labels), _LEVEL_STYLES[row.level])
             )
         colour = "$stale" if row.level == "stale" else "$target"
         if isinstance(row, BarRow):

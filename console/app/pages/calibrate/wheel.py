@@ -10,11 +10,11 @@ from typing import NamedTuple
 from topdress.control.geodesy import Place, TangentPlane
 
 # Shortest drive, m: over 100 m the noise of two differential fixes is below 1 %.
-LEAST_DRIVE_M = 100.0
+MIN_DRIVE_M = 100.0
 # Largest offset from the straight line, m: a bend of 1 m lengthens 100 m by 0.03 %.
-STRAIGHT_M = 1.0
+MAX_STRAIGHT_OFFSET_M = 1.0
 # Frames further apart than this, s, interrupt the drive.
-LONGEST_STEP_S = 1.0
+MAX_SAMPLE_STEP_S = 1.0
 # Standard deviation of a position by fix quality, m: 4 RTK fixed, 5 RTK float, 2 differential.
 POSITION_SD_M = {4: 0.02, 5: 0.30, 2: 0.60}
 # Standard deviation of a position without correction, m.
@@ -79,7 +79,7 @@ class WheelRun:
         if not self.running:
             return
         last = self.samples[-1] if self.samples else None
-        if sample is None or (last is not None and sample.time_s - last.time_s > LONGEST_STEP_S):
+        if sample is None or (last is not None and sample.time_s - last.time_s > MAX_SAMPLE_STEP_S):
             if last is not None:
                 self.drive = self.drive._replace(trouble="broken")
                 self.running = False
@@ -112,14 +112,14 @@ class WheelRun:
             aside,
             now.time_s - first.time_s,
             worst,
-            "bent" if aside > STRAIGHT_M + 2.0 * POSITION_SD_M.get(worst, UNKNOWN_FIX_SD_M) else "",
+            "bent"
+            if aside > MAX_STRAIGHT_OFFSET_M + 2.0 * POSITION_SD_M.get(worst, UNKNOWN_FIX_SD_M)
+            else "",
         )
 
     @property
     def is_long_enough(self) -> bool:
         """Whether the drive is long and straight enough for a circumference."""
         return (
-            self.drive.gnss_m >= LEAST_DRIVE_M
-            and not self.drive.trouble
-            and self.drive.wheel_m > 0.0
+            self.drive.gnss_m >= MIN_DRIVE_M and not self.drive.trouble and self.drive.wheel_m > 0.0
         )

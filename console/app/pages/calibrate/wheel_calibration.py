@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from topdress.console.app import words
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from topdress.console.app.pages.calibrate.catch import TURNING_RPM
+from topdress.console.app.pages.calibrate.catch import MIN_TURNING_RPM
 from topdress.console.app.pages.calibrate.guide import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import BarRow, LineRow, ProgressRow
-from topdress.console.app.pages.calibrate.wheel import LEAST_DRIVE_M, WheelRun, WheelSample
-from topdress.console.app.view import STALE_S
+from topdress.console.app.pages.calibrate.wheel import MIN_DRIVE_M, WheelRun, WheelSample
+from topdress.console.app.view import MAX_FRESH_AGE_S
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
 
@@ -29,7 +29,7 @@ class WheelCalibration(Calibration):
     kind, name, heading = "wheel", N_("wheel"), N_("Wheel: its circumference by GNSS")
 
     def __init__(self, page: CalibrateScreen) -> None:
-        super().__init__(page, {"cal_begin": lambda _seen: self._begin_or_end()})
+        super().__init__(page, {"cal_begin": lambda _seen: self._toggle_drive()})
         self.run = WheelRun()
 
     def take_frame(self, seen: FrameSeen) -> None:
@@ -38,7 +38,7 @@ class WheelCalibration(Calibration):
             return
         row = frame.row
         # A stale position would shorten the drive by GNSS but not by the wheel.
-        old = seen.age_s > STALE_S or (frame.gnss_age_s or 0.0) > STALE_S
+        old = seen.age_s > MAX_FRESH_AGE_S or (frame.gnss_age_s or 0.0) > MAX_FRESH_AGE_S
         known = (
             bool(row.fix_quality)
             and not old
@@ -51,7 +51,7 @@ class WheelCalibration(Calibration):
                 row.lon_deg or 0.0,
                 row.fix_quality or 0,
                 row.wheel_speed_mps or 0.0,
-                (row.shaft_rpm or 0.0) > TURNING_RPM,
+                (row.shaft_rpm or 0.0) > MIN_TURNING_RPM,
             )
             if known
             else None
@@ -78,7 +78,7 @@ class WheelCalibration(Calibration):
                 if enough
                 else _(
                     "Drive straight at a steady speed for {length} m or more. Then B ends it."
-                ).format(length=f"{LEAST_DRIVE_M:.0f}"),
+                ).format(length=f"{MIN_DRIVE_M:.0f}"),
             ),
             GuideStep(_("save"), _("E saves the circumference as a new machine file.")),
         )
@@ -103,7 +103,7 @@ class WheelCalibration(Calibration):
         rows: list[ProgressRow] = [
             BarRow(
                 _("driven"),
-                round(min(1.0, drive.gnss_m / LEAST_DRIVE_M), 2),
+                round(min(1.0, drive.gnss_m / MIN_DRIVE_M), 2),
                 distance.format_with_name(drive.gnss_m),
                 "lead" if self.run.running else "",
             ),
@@ -138,7 +138,7 @@ class WheelCalibration(Calibration):
             self.make_save_chip(),
         )
 
-    def _begin_or_end(self) -> None:
+    def _toggle_drive(self) -> None:
         """Begin a drive, or end it and compute the circumference."""
         if not self.run.running:
             self.run.start_drive()
@@ -150,5 +150,5 @@ class WheelCalibration(Calibration):
             self.page.compute_in_thread(lambda: service.fit_wheel(samples), self.take_result)
         elif not self.run.is_long_enough and not self.run.drive.trouble:
             self.page.app.show_notice(
-                _("too short: {length} m or more are needed").format(length=f"{LEAST_DRIVE_M:.0f}")
+                _("too short: {length} m or more are needed").format(length=f"{MIN_DRIVE_M:.0f}")
             )

@@ -12,9 +12,9 @@ from textual.content import Content
 from topdress.console.app.widgets.panel import (
     PickList,
     TextPart,
-    align_right,
-    choose_fullest,
-    fit_width,
+    align_text_right,
+    choose_longest_fit,
+    fit_text_width,
     make_line,
 )
 from topdress.console.locale import _
@@ -59,7 +59,9 @@ class DeviceTable(PickList[TableView]):
             return [
                 make_line(
                     (
-                        fit_width(f"   {_('no device is known: is a machine connected?')}", width),
+                        fit_text_width(
+                            f"   {_('no device is known: is a machine connected?')}", width
+                        ),
                         "$muted",
                     )
                 )
@@ -67,12 +69,12 @@ class DeviceTable(PickList[TableView]):
         names = max(10, max(cell_len(one.name) for one in view.lines) + 1)
         states = max(cell_len(one.word) for one in view.lines) + 4
         heads = (
-            (fit_width(f"   {_('device')}", names + 3), ""),
-            (fit_width(f" {_('state')}", states), ""),
-            (align_right(_("Hz"), 6), ""),
-            (align_right(_("age"), 8), ""),
-            (align_right(_("accepted"), 10), ""),
-            (align_right(_("rejected"), 10), ""),
+            (fit_text_width(f"   {_('device')}", names + 3), ""),
+            (fit_text_width(f" {_('state')}", states), ""),
+            (align_text_right(_("Hz"), 6), ""),
+            (align_text_right(_("age"), 8), ""),
+            (align_text_right(_("accepted"), 10), ""),
+            (align_text_right(_("rejected"), 10), ""),
             (f"  {_('protocol, port')}", ""),
         )
         rows = [make_line(*((text, "$muted") for text, _style in heads))]
@@ -93,7 +95,7 @@ class DeviceTable(PickList[TableView]):
         # The details below show protocol and port of the picked device in full, so shortening is
         # harmless here.
         end = one.port.rpartition("/")[2]
-        rest = choose_fullest(
+        rest = choose_longest_fit(
             (
                 "  ".join(part for part in parts if part)
                 for parts in (
@@ -106,13 +108,13 @@ class DeviceTable(PickList[TableView]):
             width - used - 2,
         )
         cells: list[TextPart] = [
-            (f" {'>' if picked else ' '} {fit_width(one.name, names)}", name),
-            (fit_width(f" {one.symbol} {one.word}", states), chip),
-            (align_right(one.hz, 6), plain),
-            (align_right(one.age, 8), plain),
-            (align_right(one.accepted, 10), plain),
-            (align_right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
-            (fit_width(f"  {rest}", width - used), "$muted" if not one.marks else "bold"),
+            (f" {'>' if picked else ' '} {fit_text_width(one.name, names)}", name),
+            (fit_text_width(f" {one.symbol} {one.word}", states), chip),
+            (align_text_right(one.hz, 6), plain),
+            (align_text_right(one.age, 8), plain),
+            (align_text_right(one.accepted, 10), plain),
+            (align_text_right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
+            (fit_text_width(f"  {rest}", width - used), "$muted" if not one.marks else "bold"),
         ]
         return make_line(*cells)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from topdress.console.app.pages.devices.device_table import ShownDevice
 from topdress.console.app.pages.devices.rows import DeviceRow, RowsView
-from topdress.console.app.view import STALE_S, format_duration
+from topdress.console.app.view import MAX_FRESH_AGE_S, format_duration
 from topdress.console.frame import DeviceView
 from topdress.console.locale import N_, _
 from topdress.control.readings import EffortFinding
@@ -41,7 +41,7 @@ def describe_state(device: DeviceView) -> tuple[str, str, str]:
         return "✖", _("NO LINE"), "red"
     if device.age_s is None:
         return "!", _("SILENT"), "amber"
-    if device.age_s > STALE_S:
+    if device.age_s > MAX_FRESH_AGE_S:
         return "!", _("SILENT"), "amber"
     return "✔", _("speaks"), ""
 
@@ -55,7 +55,7 @@ def format_age(age_s: float | None) -> str:
 
 def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
     """Return one row per device; all rows are grey while the frame is stale."""
-    old = frame_age_s > STALE_S
+    old = frame_age_s > MAX_FRESH_AGE_S
     lines = []
     for one in devices:
         symbol, word, level = describe_state(one)
@@ -82,7 +82,7 @@ def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tupl
                 one.protocol,
                 one.port,
                 marks,
-                old or one.age_s is None or one.age_s > STALE_S,
+                old or one.age_s is None or one.age_s > MAX_FRESH_AGE_S,
             )
         )
     return tuple(lines)
@@ -96,7 +96,9 @@ def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
     )
     connects = _("times opened {count}").format(count=device.connects)
     rows = [
-        DeviceRow(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
+        DeviceRow(
+            _("state"), f"{symbol} {word}", "stale" if frame_age_s > MAX_FRESH_AGE_S else level
+        ),
         DeviceRow(_("port"), device.port or "--"),
         DeviceRow(_("protocol"), device.protocol or "--"),
         DeviceRow(
@@ -146,7 +148,7 @@ def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
         )
         level = (
             "stale"
-            if frame_age_s > STALE_S
+            if frame_age_s > MAX_FRESH_AGE_S
             else "amber"
             if says.harder_percent or says.unloaded
             else ""

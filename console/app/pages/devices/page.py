@@ -26,7 +26,7 @@ from topdress.console.locale import _
 from topdress.control.readings import NO_EFFORT_FINDING
 
 # Raw lines stored per device; more do not fit on a screen.
-MOST_RAW_LINES = 40
+MAX_RAW_LINES = 40
 
 
 class DevicesScreen(Page):
@@ -67,7 +67,7 @@ class DevicesScreen(Page):
     def gather_frame(self, frame: Frame) -> None:
         """Store the last raw lines of every device."""
         for one in frame.devices:
-            lines = self._raw.setdefault(one.name, deque(maxlen=MOST_RAW_LINES))
+            lines = self._raw.setdefault(one.name, deque(maxlen=MAX_RAW_LINES))
             if one.last_raw and (not lines or lines[-1][1] != one.last_raw):
                 lines.append((frame.row.time_s, one.last_raw))
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line, wrap_text
 
 
 class DeviceRow(NamedTuple):
@@ -38,7 +38,9 @@ class LabelledRows(Panel[RowsView]):
     def draw_rows(self, view: RowsView, width: int, height: int) -> list[Content]:
         labels = max((cell_len(row.label) for row in view.rows), default=0) + 3
         found = (
-            [make_line((fit_width(f" {view.title}", width), "bold $primary"))] if view.title else []
+            [make_line((fit_text_width(f" {view.title}", width), "bold $primary"))]
+            if view.title
+            else []
         )
         for index, row in enumerate(view.rows):
             # Every later row keeps one line, so only the remaining room is available to a long
@@ -49,12 +51,12 @@ class LabelledRows(Panel[RowsView]):
             if len(texts) > room:
                 texts = [
                     *texts[: room - 1],
-                    fit_width("".join(texts[room - 1 :]), width - labels - 1),
+                    fit_text_width("".join(texts[room - 1 :]), width - labels - 1),
                 ]
             for number, text in enumerate(texts):
                 found.append(
                     make_line(
-                        (fit_width(f" {row.label}" if not number else "", labels), "$muted"),
+                        (fit_text_width(f" {row.label}" if not number else "", labels), "$muted"),
                         (text, _LEVEL_STYLES[row.level]),
                     )
                 )

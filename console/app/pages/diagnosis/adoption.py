@@ -13,7 +13,7 @@ from topdress.control.diagnosis.result import Cause
 
 # Up to this number of undecided causes, any combination may be picked; with more causes only one at
 # a time, because every combination is prepared in advance.
-MOST_COMBINED = 4
+MAX_COMBINED_CAUSES = 4
 
 
 def list_undecided(found: DiagnosisView) -> tuple[Cause, ...]:
@@ -26,23 +26,23 @@ def list_undecided(found: DiagnosisView) -> tuple[Cause, ...]:
     )
 
 
-def list_sure(found: DiagnosisView) -> tuple[str, ...]:
+def list_decided_ids(found: DiagnosisView) -> tuple[str, ...]:
     """Return the ids that an Enter adopts."""
     open_ = {one.id for one in list_undecided(found)}
     return tuple(one for one in found.adoptable if one not in open_)
 
 
-def merge_picked(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
+def merge_picked_ids(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
     """Return the ids of decided and picked causes, in the order of the diagnosis."""
-    return tuple(one for one in found.adoptable if one in list_sure(found) or one in picked)
+    return tuple(one for one in found.adoptable if one in list_decided_ids(found) or one in picked)
 
 
 def list_selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
     """Yield every set of ids that the operator can choose; each gives one machine file."""
     names = tuple(dict.fromkeys(one.id for one in list_undecided(found)))
-    most = len(names) if len(names) <= MOST_COMBINED else 1
+    most = len(names) if len(names) <= MAX_COMBINED_CAUSES else 1
     for picked in chain.from_iterable(combinations(names, count) for count in range(most + 1)):
-        ids = merge_picked(found, picked)
+        ids = merge_picked_ids(found, picked)
         if ids:
             yield ids
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import PickList, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import PickList, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
@@ -37,7 +37,7 @@ class CausesView(NamedTuple):
 
 
 # Width of the bar of an interval, in cells.
-BAR_CELLS = 24
+INTERVAL_BAR_CELLS = 24
 
 
 def draw_interval_bar(interval: tuple[float, float, float]) -> str:
@@ -45,10 +45,10 @@ def draw_interval_bar(interval: tuple[float, float, float]) -> str:
     the value."""
 
     def find_cell(share: float) -> int:
-        return round((share + 1.0) / 2.0 * (BAR_CELLS - 1))
+        return round((share + 1.0) / 2.0 * (INTERVAL_BAR_CELLS - 1))
 
     low, value, high = map(find_cell, interval)
-    marks = ["."] * BAR_CELLS
+    marks = ["."] * INTERVAL_BAR_CELLS
     for at in range(low, high + 1):
         marks[at] = "="
     marks[find_cell(0.0)] = "|"
@@ -64,7 +64,7 @@ class CauseList(PickList[CausesView]):
         self._row_of: list[int | None] = []
 
     def draw_rows(self, view: CausesView, width: int, height: int) -> list[Content]:
-        rows = [make_line((fit_width(f" {_('causes')}", width), "bold $primary"))]
+        rows = [make_line((fit_text_width(f" {_('causes')}", width), "bold $primary"))]
         self._row_of = [None]
         if not view.causes:
             return [
@@ -106,7 +106,7 @@ class CauseList(PickList[CausesView]):
         block = [
             make_line(
                 (
-                    fit_width(f" {mark if not k else ' '} {head}", width),
+                    fit_text_width(f" {mark if not k else ' '} {head}", width),
                     "bold $on-select on $select" if chosen else "bold",
                 )
             )
@@ -117,7 +117,8 @@ class CauseList(PickList[CausesView]):
             for k, part in enumerate(wrap_text(text, width - label)):
                 block.append(
                     make_line(
-                        (fit_width(f"   {name}" if not k else "", label), "$muted"), (part, style)
+                        (fit_text_width(f"   {name}" if not k else "", label), "$muted"),
+                        (part, style),
                     )
                 )
 
@@ -125,13 +126,13 @@ class CauseList(PickList[CausesView]):
             for k, part in enumerate(wrap_text(name, width - 14)):
                 block.append(
                     make_line(
-                        (fit_width(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
+                        (fit_text_width(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
                         (f"{sure if not k else '':>6}", ""),
                     )
                 )
         # The size belongs to the first of the inseparable causes.
         add_row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
-        if cause.interval is not None and width - label >= BAR_CELLS:
+        if cause.interval is not None and width - label >= INTERVAL_BAR_CELLS:
             block.append(make_line(" " * label, (draw_interval_bar(cause.interval), "$target")))
         if not cause.tied:
             add_row(_("sure"), cause.sure)

@@ -7,7 +7,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, align_right, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import (
+    Panel,
+    align_text_right,
+    fit_text_width,
+    make_line,
+    wrap_text,
+)
 from topdress.console.locale import _
 
 
@@ -40,7 +46,7 @@ class ChannelTable(Panel[ChannelsView]):
         rows = [
             make_line(
                 (
-                    fit_width(f" {_('channels')}: {_('error of the machine file')}", width),
+                    fit_text_width(f" {_('channels')}: {_('error of the machine file')}", width),
                     "bold $primary",
                 )
             ),
@@ -64,7 +70,7 @@ class ChannelTable(Panel[ChannelsView]):
                 )
             )
         rows += [
-            make_line((fit_width(f" {row}", width), "$muted"))
+            make_line((fit_text_width(f" {row}", width), "$muted"))
             for text in view.left
             for row in wrap_text(text, width - 2)
         ]
@@ -77,6 +83,6 @@ class ChannelTable(Panel[ChannelsView]):
     @staticmethod
     def _format_row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
         """Return a row of the table as text, in columns."""
-        columns = "".join(align_right(text, 9) for text in (error, after, noise))
-        last = align_right(beyond, 14)
-        return fit_width(f" {fit_width(name, max(8, width - 43))} {columns}{last}", width)
+        columns = "".join(align_text_right(text, 9) for text in (error, after, noise))
+        last = align_text_right(beyond, 14)
+        return fit_text_width(f" {fit_text_width(name, max(8, width - 43))} {columns}{last}", width)

@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 TYPED_PATH = "typed"
 # Expected duration of a comparison on two cores, s: two predictions of a log and their pictures.
 # Progress bars use these durations.
-COMPARE_S = 10.0
+COMPARE_DURATION_S = 10.0
 # Expected duration of an installation, s: download and unpack 70 MB.
-INSTALL_S = 40.0
+INSTALL_DURATION_S = 40.0
 # Expected duration of a simulated run on two cores, s per minute of the run, with its diagnosis.
 DRIVE_S_PER_MIN = 1.5
 
 
-def move_up(page: DiagnosisScreen) -> None:
+def move_mark_up(page: DiagnosisScreen) -> None:
     """Move the mark up."""
     page.move_mark(-1)
 
 
-def move_down(page: DiagnosisScreen) -> None:
+def move_mark_down(page: DiagnosisScreen) -> None:
     """Move the mark down."""
     page.move_mark(1)
 
@@ -50,7 +50,9 @@ def diagnose_chosen(page: DiagnosisScreen) -> None:
 def install_extra(page: DiagnosisScreen) -> None:
     """Install the optional packages of the diagnosis."""
     if not page.installed:
-        page.begin_work(_("Installing the diagnosis"), page.served.install_extra, INSTALL_S)
+        page.begin_work(
+            _("Installing the diagnosis"), page.required_service.install_extra, INSTALL_DURATION_S
+        )
 
 
 def choose_other_data(page: DiagnosisScreen) -> None:
@@ -61,7 +63,7 @@ def choose_other_data(page: DiagnosisScreen) -> None:
 
 def ask_data_path(page: DiagnosisScreen) -> None:
     """Ask for a path, then diagnose its data."""
-    service = page.served
+    service = page.required_service
 
     def find_fault(text: str) -> str:
         try:
@@ -100,7 +102,11 @@ def choose_machine(page: DiagnosisScreen) -> None:
 def show_next_view(page: DiagnosisScreen) -> None:
     """Switch to the next view."""
     views = page.list_views()
-    page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
+    page.visible_view = (
+        views[(views.index(page.visible_view) + 1) % len(views)]
+        if page.visible_view in views
+        else views[0]
+    )
 
 
 def _needs_diagnosis(
@@ -144,7 +150,7 @@ def ask_to_adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 
 # Answer that adopts none of the rival causes.
-NONE_PICKED = ""
+NO_CAUSE_CHOICE = ""
 
 
 def _ask_next_cause(
@@ -165,7 +171,7 @@ def _ask_next_cause(
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
     choices = (
-        Choice(NONE_PICKED, _("none of these: the next test is driven first")),
+        Choice(NO_CAUSE_CHOICE, _("none of these: the next test is driven first")),
         Choice(cause.id, f"{find_cause_title(cause)} {format_percent(cause.probability)}"),
         *(
             Choice(f"rival {rival}", f"{find_effect_title(rival)} {format_percent(share)}", unsized)
@@ -175,7 +181,9 @@ def _ask_next_cause(
 
     def take_choice(value: str | None) -> None:
         if value is not None:
-            _ask_next_cause(page, found, rest, (*picked, value) if value != NONE_PICKED else picked)
+            _ask_next_cause(
+                page, found, rest, (*picked, value) if value != NO_CAUSE_CHOICE else picked
+            )
 
     question = _("Undecided: this is only suspected. Is it adopted all the same?")
     if list_rivals(cause):
@@ -188,10 +196,10 @@ def _ask_next_cause(
 def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
     """Ask for the reason of a pick that the data does not support; the machine file stores the
     reason."""
-    from topdress.console.app.pages.diagnosis.adoption import merge_picked
+    from topdress.console.app.pages.diagnosis.adoption import merge_picked_ids
     from topdress.console.app.pages.diagnosis.service import Adoption
 
-    ids = merge_picked(found, picked)
+    ids = merge_picked_ids(found, picked)
     if not ids:
         page.app.show_notice(_("nothing is adopted: the next test decides"))
     elif not picked:
@@ -246,7 +254,9 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
     def write_if_yes(yes: bool | None) -> None:
         if yes:
             page.write_file(
-                _("The new machine file"), partial(page.served.adopt_effects, found, chosen), True
+                _("The new machine file"),
+                partial(page.required_service.adopt_effects, found, chosen),
+                True,
             )
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), write_if_yes)
@@ -257,7 +267,7 @@ def undo_adoption(page: DiagnosisScreen) -> None:
     comparison."""
     machine = page.adopted or page.machine
     page.app.read_for_page(
-        partial(page.served.describe_last_change, machine),
+        partial(page.required_service.describe_last_change, machine),
         partial(_ask_to_undo, page, machine),
     )
 
@@ -272,7 +282,7 @@ def _ask_to_undo(page: DiagnosisScreen, machine: str | None, lines: tuple[str, .
         if yes:
             page.write_file(
                 _("The machine file without it"),
-                partial(page.served.undo_last_change, machine),
+                partial(page.required_service.undo_last_change, machine),
                 True,
             )
 
@@ -306,18 +316,18 @@ def compare_before_after(page: DiagnosisScreen) -> None:
 
     def find_fault(text: str) -> str:
         try:
-            kind = page.served.find_source(text).kind
+            kind = page.required_service.find_source(text).kind
         except ValueError as error:
             return str(error)
         return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
 
     def compare_on(path: str | None) -> None:
         if path is not None:
-            source = page.served.find_source(path)
+            source = page.required_service.find_source(path)
             page.begin_work(
                 _("Before and after, on {name}").format(name=source.name),
-                partial(page.served.compare_machines, page.adopted, source),
-                COMPARE_S,
+                partial(page.required_service.compare_machines, page.adopted, source),
+                COMPARE_DURATION_S,
             )
 
     page.app.push_screen(
@@ -329,20 +339,23 @@ def compare_before_after(page: DiagnosisScreen) -> None:
 @_needs_diagnosis
 def write_report(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Write the report as HTML."""
-    page.write_file(_("The report"), partial(page.served.export_result, found, "report"))
+    page.write_file(_("The report"), partial(page.required_service.export_result, found, "report"))
 
 
 @_needs_diagnosis
-def write_data(page: DiagnosisScreen, found: DiagnosisView) -> None:
+def write_result_data(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Write the result as JSON."""
-    page.write_file(_("The result as data"), partial(page.served.export_result, found, "data"))
+    page.write_file(
+        _("The result as data"), partial(page.required_service.export_result, found, "data")
+    )
 
 
 @_needs_diagnosis
 def write_job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Write the separating run as a job file."""
     page.write_file(
-        _("The separating run as a job file"), partial(page.served.write_separating_job, found)
+        _("The separating run as a job file"),
+        partial(page.required_service.write_separating_job, found),
     )
 
 
@@ -361,7 +374,7 @@ def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
         if yes:
             page.begin_work(
                 _("Separating run, simulated"),
-                partial(page.served.drive_separating_run, found),
+                partial(page.required_service.drive_separating_run, found),
                 DRIVE_S_PER_MIN * found.minutes,
             )
 
@@ -379,7 +392,13 @@ def show_other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 ACTIONS = (
     Action(
-        "dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), move_up, DIAGNOSIS
+        "dia_up",
+        "up",
+        "Up",
+        N_("above"),
+        N_("Moves up one file or cause."),
+        move_mark_up,
+        DIAGNOSIS,
     ),
     Action(
         "dia_down",
@@ -387,7 +406,7 @@ ACTIONS = (
         "Down",
         N_("below"),
         N_("Moves down one file or cause."),
-        move_down,
+        move_mark_down,
         DIAGNOSIS,
     ),
     Action(
@@ -501,7 +520,7 @@ ACTIONS = (
         "Q6",
         N_("data"),
         N_("Writes the result as data (JSON)."),
-        write_data,
+        write_result_data,
         DIAGNOSIS,
         why=explain_no_diagnosis,
     ),

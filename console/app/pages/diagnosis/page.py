@@ -42,8 +42,8 @@ from topdress.console.app.widgets.panel import (
     Panel,
     Picked,
     PickList,
-    align_right,
-    fit_width,
+    align_text_right,
+    fit_text_width,
     make_line,
     make_solid_parts,
 )
@@ -52,7 +52,7 @@ from topdress.console.locale import _, find_language_code
 
 # The list has one row per file, newest first. A click marks a file; a second click on the marked
 # row starts the diagnosis.
-HEADING_ROWS = 2
+LIST_HEADING_ROWS = 2
 
 
 class SourcesView(NamedTuple):
@@ -75,7 +75,9 @@ class SourceList(PickList[SourcesView]):
 
     def draw_rows(self, view: SourcesView, width: int, height: int) -> list[Content]:
         rows = [
-            make_line((fit_width(f" {_('Which data is to be checked?')}", width), "bold $primary"))
+            make_line(
+                (fit_text_width(f" {_('Which data is to be checked?')}", width), "bold $primary")
+            )
         ]
         if not view.sources:
             said = (
@@ -89,7 +91,7 @@ class SourceList(PickList[SourcesView]):
                 (self._format_row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")
             )
         )
-        room = max(1, height - HEADING_ROWS)
+        room = max(1, height - LIST_HEADING_ROWS)
         first = find_first_row(view.at, len(view.sources), room)
         for index, source in enumerate(view.sources[first : first + room], first):
             mark = f"  < {_('now')}" if source.working else ""
@@ -109,15 +111,16 @@ class SourceList(PickList[SourcesView]):
         changed: str, kind: str, size: str, name: str, width: int, mark: str = " "
     ) -> str:
         """Return a row of the list as text, in columns."""
-        return fit_width(
-            f"{mark}{fit_width(changed, 17)} {fit_width(kind, 13)} {align_right(size, 9)}  {name}",
+        return fit_text_width(
+            f"{mark}{fit_text_width(changed, 17)} {fit_text_width(kind, 13)} "
+            f"{align_text_right(size, 9)}  {name}",
             width,
         )
 
     def list_row_items(self) -> Sequence[int | None]:
-        count, room = len(self.view.sources), max(1, self.content_size.height - HEADING_ROWS)
+        count, room = len(self.view.sources), max(1, self.content_size.height - LIST_HEADING_ROWS)
         first = find_first_row(self.view.at, count, room)
-        return [*[None] * HEADING_ROWS, *range(first, min(first + room, count))]
+        return [*[None] * LIST_HEADING_ROWS, *range(first, min(first + room, count))]
 
 
 # The panel shows stage, bar, remaining time, and the key that cancels.
@@ -145,14 +148,14 @@ class WorkBar(Panel[WorkView | None]):
         room = max(10, min(60, width - 12))
         full = round(room * view.percent / 100)
         return [
-            make_line((fit_width(f" {view.title}", width), "bold $primary")),
+            make_line((fit_text_width(f" {view.title}", width), "bold $primary")),
             make_line(
                 " ",
                 *make_solid_parts("█" * full, "$target"),
                 *make_solid_parts("░" * (room - full), "$muted"),
                 (f" {view.percent:3d} %", "bold"),
             ),
-            make_line((fit_width(f" {view.stage}{left}   {_('Esc cancels')}", width), "")),
+            make_line((fit_text_width(f" {view.stage}{left}   {_('Esc cancels')}", width), "")),
         ]
 
 
@@ -163,9 +166,9 @@ START_DURATION_S = 3.0
 # Duration per MB of a run log on two cores, s.
 DURATION_S_PER_MB = 0.6
 # Share of the bar that elapsed time alone may fill: a full bar must not stand still for minutes.
-MOST_SHARE_BY_TIME = 0.3
+MAX_SHARE_BY_TIME = 0.3
 # Share of the work after which its own pace determines the estimate alone.
-TRUSTED_SHARE = 0.2
+TRUSTED_WORK_SHARE = 0.2
 
 
 def estimate_duration_s(megabytes: float) -> float:
@@ -200,9 +203,9 @@ class WorkEstimate:
         own_s = gone_s / share if share > 0.0 else self._whole_s
         # The weight moves gradually from the estimate by size to the estimate by pace, so that the
         # remaining time does not jump.
-        trust = min(1.0, share / TRUSTED_SHARE)
+        trust = min(1.0, share / TRUSTED_WORK_SHARE)
         whole_s = (1.0 - trust) * self._whole_s + trust * own_s
-        by_time = min(MOST_SHARE_BY_TIME, gone_s / max(whole_s, 1e-9))
+        by_time = min(MAX_SHARE_BY_TIME, gone_s / max(whole_s, 1e-9))
         self._shown = max(self._shown, min(1.0, max(share, by_time)))
         left_s = whole_s - gone_s
         return self._shown, left_s if left_s > 0.0 else None
@@ -240,7 +243,7 @@ class DiagnosisScreen(Page):
         # Index of the displayed diagnosis.
         self.which = 0
         self.cause = 0
-        self.see: ViewName = "causes"
+        self.visible_view: ViewName = "causes"
         # Reason why the last action failed.
         self.said = ""
         # True if the packages that compute a diagnosis are installed.
@@ -250,7 +253,7 @@ class DiagnosisScreen(Page):
         self._working: Worker[WorkResult] | None = None
         self._listing: Worker[ListedData] | None = None
         # True while an import will add a file to the list.
-        self._brings_in = False
+        self._imports_file = False
         self._title = ""
         self._started_s = 0.0
         self._share, self._stage = 0.0, ""
@@ -282,7 +285,7 @@ class DiagnosisScreen(Page):
         return self.app.services.diagnosis
 
     @property
-    def served(self) -> DiagnosisService:
+    def required_service(self) -> DiagnosisService:
         """Service, for actions that need one."""
         assert self.service is not None
         return self.service
@@ -316,7 +319,7 @@ class DiagnosisScreen(Page):
         self.set_class(found is None, "-picking")
         self.set_class(len(self.found) > 1, "-two")
         for name in ("causes", "channels", "over", "time", "run"):
-            self.set_class(self.see == name, f"-see-{name}")
+            self.set_class(self.visible_view == name, f"-see-{name}")
         said = self.query_one("#dia-said", Static)
         text = self.said
         if not (text or self.installed or self.is_busy):
@@ -409,7 +412,7 @@ class DiagnosisScreen(Page):
         else:
             run = bool(found.drives)
             views = self.list_views()
-            at = views.index(self.see) + 1 if self.see in views else 1
+            at = views.index(self.visible_view) + 1 if self.visible_view in views else 1
             wanted = [
                 ("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
                 ("dia_adopt", "", bool(found.adoptable), found.found.verdict == "named"),
@@ -527,7 +530,7 @@ class DiagnosisScreen(Page):
         """Diagnose a log or table."""
         assert self.service is not None
         self.show_data_list()
-        self._brings_in = source.kind == IMPORT_KIND
+        self._imports_file = source.kind == IMPORT_KIND
         self.begin_work(
             _("Diagnosis of {name}").format(name=source.name),
             partial(self.service.run_diagnosis, source, self.machine),
@@ -572,11 +575,11 @@ class DiagnosisScreen(Page):
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
         """Process the results of Textual workers."""
         if event.worker is self._listing:
-            self._take_listed(event.worker, event.state)
+            self._take_listed_data(event.worker, event.state)
         elif event.worker is self._working:
-            self._take_result(event.worker, event.state)
+            self._take_work_result(event.worker, event.state)
 
-    def _take_listed(
+    def _take_listed_data(
         self,
         worker: Worker[ListedData],
         state: WorkerState,
@@ -591,7 +594,7 @@ class DiagnosisScreen(Page):
             self._listing = None
             self.show_changes()
 
-    def _take_result(self, worker: Worker[WorkResult], state: WorkerState) -> None:
+    def _take_work_result(self, worker: Worker[WorkResult], state: WorkerState) -> None:
         """Process the result of long work."""
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
             where = (
@@ -609,7 +612,7 @@ class DiagnosisScreen(Page):
             # A simulated run has planted effects; its diagnosis is shown next to that of the log.
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
-            self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
+            self.which, self.cause, self.visible_view = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.SUCCESS:
             self.installed = True
         # Open questions are no failure: they are shown with the path of the file that answers them.
@@ -622,8 +625,8 @@ class DiagnosisScreen(Page):
             self.cancel_work()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
-            if self._brings_in:
-                self.sources, self._brings_in = None, False
+            if self._imports_file:
+                self.sources, self._imports_file = None, False
             self.show_changes()
 
     def show_open_questions(self, open_: ImportNeedsAnswersError) -> None:

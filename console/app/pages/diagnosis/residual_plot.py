@@ -17,15 +17,15 @@ from rich.style import Style
 from textual.strip import Strip
 from topdress.console.app.pages.diagnosis.service import ResidualCurve
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_right, fit_width
+from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Bits of the dots of a braille cell, by row and column.
-_BRAILLE_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+_BRAILLE_DOT_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 # Columns for the numbers of the vertical axis.
-_AXIS_CELLS = 8
+_AXIS_LABEL_CELLS = 8
 # With more points only the lines are drawn, because marks would cover each other.
-_MOST_MARKS = 16
+_MAX_MARKED_POINTS = 16
 
 PlotPlaces = Sequence[tuple[float, float]]
 
@@ -75,7 +75,7 @@ class ResidualPlot(Canvas[PlotView | None]):
     }
 
     def draw_rows(self, view: PlotView | None, width: int, height: int) -> list[Strip]:
-        rows, columns = height - 3, width - _AXIS_CELLS - 1
+        rows, columns = height - 3, width - _AXIS_LABEL_CELLS - 1
         if rows < 2 or columns < 10:
             return []
         muted, title = self.find_style("plot--muted"), self.find_style("plot--title")
@@ -111,7 +111,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         marks = dict.fromkeys(((x // 2, y // 4) for x, y in old), ("o", before))
         # Later entries win: a mark "after" covers a mark "before" in the same cell.
         marks |= dict.fromkeys(((x // 2, y // 4) for x, y in new), ("+", after))
-        if len(curve.at) > _MOST_MARKS:
+        if len(curve.at) > _MAX_MARKED_POINTS:
             marks = {}
         # Categories have no order, so no line connects them.
         lines = (
@@ -125,7 +125,9 @@ class ResidualPlot(Canvas[PlotView | None]):
             zero: "0",
         }
         for row in range(rows):
-            cells = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
+            cells = [
+                Segment(align_text_right(labels.get(row, ""), _AXIS_LABEL_CELLS - 1) + " ", muted)
+            ]
             for column in range(columns):
                 cells.append(
                     self._draw_cell(
@@ -152,7 +154,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         column, row = place
         for dots, style in lines:
             bits = sum(
-                _BRAILLE_DOTS[y][x]
+                _BRAILLE_DOT_BITS[y][x]
                 for y in range(4)
                 for x in range(2)
                 if (2 * column + x, 4 * row + y) in dots
@@ -176,8 +178,8 @@ class ResidualPlot(Canvas[PlotView | None]):
         curve = view.curve
         if curve.names:
             room = columns // max(1, len(curve.at))
-            ends = " " * _AXIS_CELLS + "".join(
-                fit_width(f"{curve.names[round(x)]:^{max(1, room)}}", room) for x in curve.at
+            ends = " " * _AXIS_LABEL_CELLS + "".join(
+                fit_text_width(f"{curve.names[round(x)]:^{max(1, room)}}", room) for x in curve.at
             )
         else:
             first, last = (
@@ -188,14 +190,16 @@ class ResidualPlot(Canvas[PlotView | None]):
             if onset is not None:
                 middle = " " * max(0, onset - len(first)) + _("begins here")
             ends = (
-                " " * _AXIS_CELLS
+                " " * _AXIS_LABEL_CELLS
                 + first
-                + fit_width(middle, max(0, columns - len(first) - len(last)))
+                + fit_text_width(middle, max(0, columns - len(first) - len(last)))
                 + last
             )
         return [
-            self.make_text_strip(width, (fit_width(ends, width), muted)),
-            self.make_text_strip(width, (fit_width(" " * _AXIS_CELLS + view.label, width), title)),
+            self.make_text_strip(width, (fit_text_width(ends, width), muted)),
+            self.make_text_strip(
+                width, (fit_text_width(" " * _AXIS_LABEL_CELLS + view.label, width), title)
+            ),
         ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
@@ -22,7 +22,7 @@ class RunPlanPanel(Panel[PlanView]):
     """Shows the plan."""
 
     def draw_rows(self, view: PlanView, width: int, height: int) -> list[Content]:
-        rows = [make_line((fit_width(f" {_('separating run')}", width), "bold $primary"))]
+        rows = [make_line((fit_text_width(f" {_('separating run')}", width), "bold $primary"))]
         rows += [make_line((f" {row}", "$muted")) for row in wrap_text(view.why, width - 2)]
         for number, step in enumerate(view.steps, 1):
             rows += [

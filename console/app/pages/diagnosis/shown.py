@@ -8,7 +8,7 @@ from topdress.console.app.pages.diagnosis.channel_table import ChannelLine, Chan
 from topdress.console.app.pages.diagnosis.residual_plot import PlotView
 from topdress.console.app.pages.diagnosis.run_plan import PlanView
 from topdress.console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
-from topdress.console.app.pages.diagnosis.verdict import SaidVerdict
+from topdress.console.app.pages.diagnosis.verdict import VerdictTexts
 from topdress.console.app.units import Units
 from topdress.console.locale import _, find_language_code
 from topdress.console.reports import diagnosis_wording as sentences
@@ -17,18 +17,18 @@ from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
 # More lines would push the table of channels off the panel.
-MOST_GAIN_LINES = 3
+MAX_GAIN_LINES = 3
 # Significance level below which a channel's residual counts as more than noise.
-STRUCTURE_P = 0.01
+MAX_STRUCTURE_P = 0.01
 # Smaller shares of the error beyond the noise exist but are too small to matter, so they are not
 # marked.
-LEAST_MARKED_SHARE = 0.01
+MIN_MARKED_SHARE = 0.01
 
 
-def make_verdict(view: DiagnosisView, lead: str) -> SaidVerdict:
+def make_verdict(view: DiagnosisView, lead: str) -> VerdictTexts:
     """Return the verdict for its panel."""
     _word, name, symbol = sentences.VERDICT_WORDS[view.found.verdict]
-    return SaidVerdict(
+    return VerdictTexts(
         view.found.verdict,
         symbol,
         _(name),
@@ -109,7 +109,7 @@ def make_channels_view(view: DiagnosisView) -> ChannelsView:
     return ChannelsView(
         tuple(_make_channel_line(one, view.after.get(one.channel)) for one in found.channels),
         (*found.findings, *_list_unexplained(found)),
-        (*_describe_whole_drive(found), *gains[:MOST_GAIN_LINES]),
+        (*_describe_whole_drive(found), *gains[:MAX_GAIN_LINES]),
         find_language_code(),
     )
 
@@ -138,9 +138,9 @@ def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
     """Return one channel in words."""
     # Share of the mean square error that exceeds the sensor's noise.
     share = 0.0
-    if one.structure_p < STRUCTURE_P and one.rmse > 0.0:
+    if one.structure_p < MAX_STRUCTURE_P and one.rmse > 0.0:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
-    wrong = share >= LEAST_MARKED_SHARE
+    wrong = share >= MIN_MARKED_SHARE
     return ChannelLine(
         sentences.name_channel(one.channel),
         one.unit,

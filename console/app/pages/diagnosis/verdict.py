@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, choose_fullest, make_line, wrap_text
+from topdress.console.app.widgets.panel import Panel, choose_longest_fit, make_line, wrap_text
 
 _VERDICT_STYLES = {
     "none": "bold reverse",
@@ -17,7 +17,7 @@ _VERDICT_STYLES = {
 }
 
 
-class SaidVerdict(NamedTuple):
+class VerdictTexts(NamedTuple):
     """Holds a verdict in words. `verdict` is its id; `lead` names the data where two verdicts are
     shown."""
 
@@ -31,11 +31,11 @@ class SaidVerdict(NamedTuple):
     lead: str = ""
 
 
-class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
+class VerdictPanel(Panel[tuple[VerdictTexts, ...]]):
     """Shows word and data, sentence and next step. Two verdicts are stacked, with fewer rows
     each."""
 
-    def draw_rows(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: tuple[VerdictTexts, ...], width: int, height: int) -> list[Content]:
         rows: list[Content] = []
         for index, said in enumerate(view):
             room = (height - len(rows)) // (len(view) - index)
@@ -43,11 +43,11 @@ class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
         return rows
 
     @staticmethod
-    def _draw_verdict(said: SaidVerdict, width: int, room: int) -> list[Content]:
+    def _draw_verdict(said: VerdictTexts, width: int, room: int) -> list[Content]:
         """Return the rows of one verdict; the sentence has priority over the next step."""
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
-        about = choose_fullest(
+        about = choose_longest_fit(
             ("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left
         )
         head = make_line(

@@ -57,7 +57,7 @@ STAGE_NAMES = {
 }
 
 # Smaller errors of place, m, are not mentioned.
-LEAST_PLACE_M = 0.005
+MIN_PLACE_ERROR_M = 0.005
 
 
 def format_figure(value: float, digits: int = 3) -> str:
@@ -141,7 +141,7 @@ def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> 
             )
         )
         said.append(f"{percent_:+.1f} %{rate}")
-    if place_m is not None and abs(place_m) >= LEAST_PLACE_M:
+    if place_m is not None and abs(place_m) >= MIN_PLACE_ERROR_M:
         said.append(f"{place_m * units.fine_distance.per_si:+.2f} {units.fine_distance.name}")
     if said:
         return "   ".join(said)

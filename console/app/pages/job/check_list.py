@@ -17,7 +17,7 @@ from topdress.console.app.pages.job.checklist import (
     JobCheck,
     find_worst_level,
 )
-from topdress.console.app.widgets.panel import Panel, TextPart, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.panel import Panel, TextPart, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
@@ -44,18 +44,18 @@ class JobNotes(Panel[NotesView]):
         # Where rows are scarce, quiet notes are dropped before loud notes.
         older = [text for text in texts if not text[1]][: max(0, len(texts) - height)]
         rows = [
-            make_line((fit_width(f" {row}", width), "bold reverse" if loud else ""))
+            make_line((fit_text_width(f" {row}", width), "bold reverse" if loud else ""))
             for row, loud in texts
             if (row, loud) not in older
         ]
         room = height - len(rows)
         if view.refills and room > 1:
-            rows.append(make_line((fit_width(f" {_('refills')}", width), "bold $primary")))
+            rows.append(make_line((fit_text_width(f" {_('refills')}", width), "bold $primary")))
             shown = view.refills[: room - 1]
             if len(shown) < len(view.refills):
                 more = len(view.refills) - len(shown) + 1
                 shown = (*shown[:-1], _("+{count} more").format(count=more))
-            rows += [make_line((fit_width(f"   {text}", width), "")) for text in shown]
+            rows += [make_line((fit_text_width(f"   {text}", width), "")) for text in shown]
         return rows
 
 
@@ -69,9 +69,9 @@ LEVEL_SYMBOLS = {OK: " ", LOOK: "!", STOP: "✖"}
 
 
 # Rows of a single check in the list.
-MOST_CHECK_ROWS = 2
+MAX_CHECK_ROWS = 2
 # Sign of a shortened text; key V shows the list in full.
-REST_MARK = " ... V"
+TRUNCATION_MARK = " ... V"
 
 
 def fit_checks(checks: tuple[JobCheck, ...], rows: int, cells: int = 1000) -> tuple[JobCheck, ...]:
@@ -107,11 +107,11 @@ def _find_column_widths(checks: tuple[JobCheck, ...]) -> tuple[int, int]:
 def _wrap_check(check: JobCheck, room: int) -> list[str]:
     """Return the rows of a check; a long text ends with the key that shows the list in full."""
     rows = wrap_text(check.text, room) or [""]
-    if len(rows) <= MOST_CHECK_ROWS:
+    if len(rows) <= MAX_CHECK_ROWS:
         return rows
     return [
-        *rows[: MOST_CHECK_ROWS - 1],
-        wrap_text(rows[MOST_CHECK_ROWS - 1], room - len(REST_MARK))[0] + REST_MARK,
+        *rows[: MAX_CHECK_ROWS - 1],
+        wrap_text(rows[MAX_CHECK_ROWS - 1], room - len(TRUNCATION_MARK))[0] + TRUNCATION_MARK,
     ]
 
 
@@ -159,9 +159,9 @@ class CheckList(Panel[tuple[JobCheck, ...]]):
                 mark = f" {LEVEL_SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}"
                 rows.append(
                     make_line(
-                        (fit_width(f" {check.label}" if not k else "", label), "$muted"),
+                        (fit_text_width(f" {check.label}" if not k else "", label), "$muted"),
                         (
-                            fit_width(mark if not k else "", word),
+                            fit_text_width(mark if not k else "", word),
                             LEVEL_STYLES[check.level] if not k else "",
                         ),
                         f" {text}",
@@ -173,7 +173,7 @@ class CheckList(Panel[tuple[JobCheck, ...]]):
                     spare -= 1
         if len(shown) < len(view):
             left = _("+{count} more: V").format(count=len(view) - len(shown))
-            rows.append(make_line((fit_width(f" {left}", width), "$muted")))
+            rows.append(make_line((fit_text_width(f" {left}", width), "$muted")))
         return rows
 
     async def on_click(self, event: events.Click) -> None:

@@ -13,7 +13,7 @@ from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.app.view import (
-    STALE_S,
+    MAX_FRESH_AGE_S,
     ItemView,
     ShownText,
     format_duration,
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
 # Masses are shown to 0.1 kg, and a normal stop itself drops some 0.1 kg.
-LEAST_STOPPED_KG = 0.05
+MIN_SHOWN_STOPPED_KG = 0.05
 # A device that is silent for longer than this, s, is reported.
-DEVICE_SILENT_S = 2.0
+MAX_DEVICE_SILENCE_S = 2.0
 # Below this free space, bytes, a log of a day may not fit.
-LEAST_FREE_BYTES = 200_000_000
+MIN_FREE_BYTES = 200_000_000
 # Below this free space, bytes, the operator is warned: some days of logs are left.
 LOW_FREE_BYTES = 2_000_000_000
 SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
@@ -141,14 +141,14 @@ def find_worst_level(found: tuple[JobCheck, ...]) -> str:
 def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
     """Check whether all devices send values; a silent drive prevents work."""
     label = _("devices")
-    if frame is None or age_s > STALE_S:
+    if frame is None or age_s > MAX_FRESH_AGE_S:
         return JobCheck(label, STOP, _("no values from the machine"))
     if not frame.devices:
         return JobCheck(label, STOP, _("no device is configured"))
     silent = [
         one
         for one in frame.devices
-        if not one.connected or one.age_s is None or one.age_s > DEVICE_SILENT_S
+        if not one.connected or one.age_s is None or one.age_s > MAX_DEVICE_SILENCE_S
     ]
     lines = tuple(f"{_name_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
     simulated = f"  {_('SIMULATED')}" if frame.simulated else ""
@@ -264,7 +264,7 @@ def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
     return Strips(live.nrich or rule.ndvi_nrich, live.check or rule.ndvi_check)
 
 
-def describe_doubt(strips: Strips) -> str:
+def describe_index_doubt(strips: Strips) -> str:
     """Return why the field's response index is doubtful; "" where it is plausible."""
     index, why = calc_measured_index(strips), find_index_doubt(strips)
     if index is None or not why:
@@ -337,7 +337,7 @@ def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobChec
             else (_("no strips yet: drive both with B"))
         )
         return (JobCheck(label, LOOK, missing),)
-    said = describe_doubt(strips)
+    said = describe_index_doubt(strips)
     if said:
         return (JobCheck(label, LOOK, said),)
     return (
@@ -495,7 +495,7 @@ def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
     label = _("hopper")
     if frame is None or frame.row.hopper_kg is None:
         return JobCheck(label, LOOK, _("no scale: fill level not known"))
-    if age_s > STALE_S:
+    if age_s > MAX_FRESH_AGE_S:
         return JobCheck(
             label,
             LOOK,
@@ -519,7 +519,7 @@ def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
         return JobCheck(label, LOOK, _("free space not known"), (frame.log_path,))
     gigabytes = free_bytes / 1e9
     text = _("{free} GB free").format(free=f"{gigabytes:.1f}")
-    level = STOP if free_bytes < LEAST_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
+    level = STOP if free_bytes < MIN_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
     return JobCheck(label, level, f"{text}  {find_file_name(frame.log_path)}", (frame.log_path,))
 
 
@@ -530,7 +530,7 @@ def make_total_items(
     work."""
     t = frame.totals if frame is not None else None
     tally = frame.tally if frame is not None else None
-    old = age_s > STALE_S
+    old = age_s > MAX_FRESH_AGE_S
     if frame is None or t is None:
         return tuple(
             ItemView(label, ShownText("--", True))
@@ -553,7 +553,7 @@ def make_total_items(
         ItemView(_("applied"), ShownText(units.mass.format_with_name(t.applied_kg), old)),
         *(
             ()
-            if t.stopped_kg < LEAST_STOPPED_KG
+            if t.stopped_kg < MIN_SHOWN_STOPPED_KG
             else (
                 ItemView(
                     _("while stopped"),

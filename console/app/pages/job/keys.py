@@ -12,12 +12,12 @@ from topdress.console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
     compare_strip_rates,
-    describe_doubt,
+    describe_index_doubt,
     describe_poor_strip,
     find_present_strips,
     list_checks,
 )
-from topdress.console.app.pages.job.nrich import LEAST_STRIP_M, StripRun
+from topdress.console.app.pages.job.nrich import MIN_STRIP_M, StripRun
 from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
@@ -63,16 +63,16 @@ def press_strip_key(page: JobScreen) -> None:
     if not so_far.is_long_enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
             way=page.app.units.distance.format_with_name(so_far.length_m),
-            least=page.app.units.distance.format_with_name(LEAST_STRIP_M),
+            least=page.app.units.distance.format_with_name(MIN_STRIP_M),
         )
-        page.app.ask_yes_no(_("Cancel the strip?"), text, lambda: _forget_strip(page))
+        page.app.ask_yes_no(_("Cancel the strip?"), text, lambda: _cancel_strip(page))
         return
     value = page.strip.value
 
     def use_value() -> None:
         if value is not None:
             page.strip = None
-            _use_strip(page, value)
+            _use_strip_value(page, value)
 
     text = _(
         "Mean over {way}, CV {cv} %, standard error {se}, {samples} samples. It counts from "
@@ -95,7 +95,7 @@ def press_strip_key(page: JobScreen) -> None:
             page.app.units,
         ),
         describe_poor_strip(value, page.field_ndvi),
-        describe_doubt(with_it),
+        describe_index_doubt(with_it),
         text,
     )
     page.app.ask_yes_no(title, "\n".join(part for part in said if part), use_value)
@@ -109,7 +109,7 @@ def _begin_strip(page: JobScreen) -> None:
         page.strip = StripRun("check" if which == "check" else "nrich")
         page.app.show_notice(
             _(STRIP_BEGINS[page.strip.which]).format(
-                least=page.app.units.distance.format_with_name(LEAST_STRIP_M)
+                least=page.app.units.distance.format_with_name(MIN_STRIP_M)
             )
         )
         page.refresh_all_next_tick()
@@ -124,13 +124,13 @@ def _begin_strip(page: JobScreen) -> None:
     page.app.ask_question(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin_run)
 
 
-def _forget_strip(page: JobScreen) -> None:
+def _cancel_strip(page: JobScreen) -> None:
     """Cancel the strip in progress."""
     page.strip = None
     page.refresh_all_next_tick()
 
 
-def _use_strip(page: JobScreen, value: StripValue) -> None:
+def _use_strip_value(page: JobScreen, value: StripValue) -> None:
     """Use a strip's value at once by an order, and write it to a job file for the next start. Undo
     restores both."""
     before = value._replace(
@@ -179,7 +179,7 @@ def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
             lambda: [
                 Choice(
                     file.value,
-                    format_card(file, card, page.app.units),
+                    format_job_card(file, card, page.app.units),
                     picture=card and card.picture,
                 )
                 for file, card in service.list_job_cards()
@@ -204,12 +204,12 @@ def _choose_file(
 
         # The file in use needs no restart.
         if value != now:
-            page.take_file(choose_in_service)
+            page.choose_written_file(choose_in_service)
 
     page.ask_path(title, choices, kind, take_choice, now)
 
 
-def format_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
+def format_job_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
     """Return the lines that describe a job in a list."""
     if card is None:
         return file.label

@@ -13,7 +13,7 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
-from topdress.console.app.map_ink import LEVELS_PLAN, draw_small_map, find_planned_scale
+from topdress.console.app.map_ink import PLAN_LEVEL_SIGNS, draw_small_map, find_planned_scale
 from topdress.console.app.pages.job.checklist import find_file_name
 from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.pages.job.service import MapPreview
@@ -23,11 +23,11 @@ from topdress.console.app.widgets.map_legend import draw_colour_ramp
 from topdress.console.locale import _
 
 # Size of the picture and of the colour ramp, in cells.
-COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
+PICTURE_COLUMNS, MAX_PICTURE_ROWS, MIN_PICTURE_ROWS, RAMP_CELLS = 44, 9, 3, 16
 # Rows of the screen that the text below the picture needs first.
-ROWS_BELOW = 20
+ROWS_BELOW_PICTURE = 20
 # Answers of the dialog.
-TAKE, COLUMN, UNIT = "take", "column", "unit"
+TAKE_CHOICE, COLUMN_CHOICE, UNIT_CHOICE = "take", "column", "unit"
 
 
 class MapDialog(ChoiceDialog):
@@ -43,9 +43,13 @@ class MapDialog(ChoiceDialog):
         # While the meaning of the rates is unknown, the map cannot be taken.
         asked = bool(shown.question)
         wanted = (
-            *(() if asked else (Choice(TAKE, _("take it")),)),
-            *((Choice(COLUMN, _("the column that is the rate ...")),) if shown.columns else ()),
-            Choice(UNIT, _("the unit of the rates ...")),
+            *(() if asked else (Choice(TAKE_CHOICE, _("take it")),)),
+            *(
+                (Choice(COLUMN_CHOICE, _("the column that is the rate ...")),)
+                if shown.columns
+                else ()
+            ),
+            Choice(UNIT_CHOICE, _("the unit of the rates ...")),
         )
         super().__init__(find_file_name(shown.path), wanted, "")
         self.shown, self.units = shown, units
@@ -81,14 +85,17 @@ class MapDialog(ChoiceDialog):
             return Content(_("Before this map can be used, say what its rates are.")), Content(
                 shown.question
             )
-        rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - ROWS_BELOW))
+        rows = max(
+            MIN_PICTURE_ROWS, min(MAX_PICTURE_ROWS, self.app.size.height - ROWS_BELOW_PICTURE)
+        )
         drawn = [
-            Content.assemble(*row) for row in draw_small_map(self, shown.picture, COLUMNS, rows)
+            Content.assemble(*row)
+            for row in draw_small_map(self, shown.picture, PICTURE_COLUMNS, rows)
         ]
         scale = find_planned_scale(shown.picture, units)
         ramp = (
             (text, str(style))
-            for text, style in draw_colour_ramp(self, scale, RAMP_CELLS, LEVELS_PLAN)
+            for text, style in draw_colour_ramp(self, scale, RAMP_CELLS, PLAN_LEVEL_SIGNS)
         )
         said = describe_map_check(shown.check, units) if shown.check is not None else ()
         return (

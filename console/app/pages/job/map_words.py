@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from topdress.control.targets.map_check import MapCheck
 
 # Share of the map's or the field's area beyond which the map may be the wrong one.
-MUCH_SHARE = 0.1
+DOUBTFUL_AREA_SHARE = 0.1
 # Smaller areas result from rounding of corners, ha.
-LEAST_AREA_HA = 0.0001
+MIN_REPORTED_AREA_HA = 0.0001
 
 
 def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
             ),
         )
     said = []
-    if check.above_ha > LEAST_AREA_HA and check.limit_kg_ha is not None:
+    if check.above_ha > MIN_REPORTED_AREA_HA and check.limit_kg_ha is not None:
         said.append(
             _(
                 "{area} of the map want up to {highest}, above the crop's limit: {limit} "
@@ -60,7 +60,7 @@ def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
                 mass=units.mass.format_with_name(check.above_kg),
             )
         )
-    if check.outside_ha > LEAST_AREA_HA:
+    if check.outside_ha > MIN_REPORTED_AREA_HA:
         text = (
             _(
                 "{area} of the map's {mapped} lie outside the field: the map's rate for "
@@ -77,7 +77,7 @@ def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
                 rate=rate.format_with_name(check.beyond_kg_ha),
             )
         )
-    if check.uncovered_ha > LEAST_AREA_HA:
+    if check.uncovered_ha > MIN_REPORTED_AREA_HA:
         text = (
             _(
                 "{area} of the field's {field} have no rate of their own in the map: its "
@@ -96,7 +96,7 @@ def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
                 rate=rate.format_with_name(check.uncovered_kg_ha),
             )
         )
-    if check.overlap_ha > LEAST_AREA_HA:
+    if check.overlap_ha > MIN_REPORTED_AREA_HA:
         said.append(
             _(
                 "{area} lie in more than one zone: the first in the file holds, each place "
@@ -111,7 +111,7 @@ def is_doubtful(check: MapCheck) -> bool:
     field_ha = check.field_ha or 0.0
     return (
         check.away_m > 0.0
-        or check.above_ha > LEAST_AREA_HA
-        or check.outside_ha > MUCH_SHARE * check.mapped_ha
-        or check.uncovered_ha > MUCH_SHARE * field_ha
+        or check.above_ha > MIN_REPORTED_AREA_HA
+        or check.outside_ha > DOUBTFUL_AREA_SHARE * check.mapped_ha
+        or check.uncovered_ha > DOUBTFUL_AREA_SHARE * field_ha
     )

@@ -13,11 +13,11 @@ from topdress.control.agronomy.strips import StripValue
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 # Shortest strip with a usable mean, m.
-LEAST_STRIP_M = 20.0
+MIN_STRIP_M = 20.0
 # A longer step between frames is a gap, s, which contributes nothing.
-LONGEST_STEP_S = 2.0
+MAX_FRAME_STEP_S = 2.0
 # Limit of the correlation of neighbouring samples, which keeps the standard error finite.
-MOST_CORRELATION = 0.95
+MAX_SAMPLE_CORRELATION = 0.95
 
 
 class NRichStrip(NamedTuple):
@@ -42,7 +42,7 @@ class NRichStrip(NamedTuple):
     @property
     def is_long_enough(self) -> bool:
         """Whether the strip is long enough to be used."""
-        return self.length_m >= LEAST_STRIP_M and self.ndvi is not None
+        return self.length_m >= MIN_STRIP_M and self.ndvi is not None
 
 
 class FieldMean:
@@ -57,7 +57,7 @@ class FieldMean:
     @property
     def ndvi(self) -> float | None:
         """Mean NDVI; None before `MIN_STRIP_M` with readings."""
-        return self._sum / self._length_m if self._length_m >= LEAST_STRIP_M else None
+        return self._sum / self._length_m if self._length_m >= MIN_STRIP_M else None
 
     def add_row(self, row: LogRow) -> None:
         """Add a row of the run; a row without NDVI or speed adds no length."""
@@ -66,7 +66,7 @@ class FieldMean:
         if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
-        if not 0.0 < step_s <= LONGEST_STEP_S:
+        if not 0.0 < step_s <= MAX_FRAME_STEP_S:
             return
         self._add_length(max(0.0, row.speed_used_mps) * step_s, ndvi)
 
@@ -148,5 +148,5 @@ def calc_standard_error(samples: list[float]) -> float | None:
     if square <= 0.0:
         return 0.0
     alike = sum(a * b for a, b in pairwise(off)) / square
-    alike = min(MOST_CORRELATION, max(0.0, alike))
+    alike = min(MAX_SAMPLE_CORRELATION, max(0.0, alike))
     return sqrt(square / (n - 1) / n * (1.0 + alike) / (1.0 - alike))

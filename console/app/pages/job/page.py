@@ -31,9 +31,14 @@ from topdress.console.app.pages.job.checklist import (
     make_total_items,
 )
 from topdress.console.app.pages.job.keys import ACTIONS
-from topdress.console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
+from topdress.console.app.pages.job.map_dialog import (
+    COLUMN_CHOICE,
+    TAKE_CHOICE,
+    UNIT_CHOICE,
+    MapDialog,
+)
 from topdress.console.app.pages.job.nrich import FieldMean, StripRun, find_heads_index
-from topdress.console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, explain_refill_doubt
+from topdress.console.app.pages.job.refill import MIN_REFILL_KG, RefillWatch, explain_refill_doubt
 from topdress.console.app.pages.job.service import (
     IsCancelled,
     JobFacts,
@@ -57,16 +62,16 @@ from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.orders import Do
 
 # Rows of the checks at low and at middle height.
-MOST_CHECKS = 8, 10
+MAX_CHECK_ROWS = 8, 10
 # At full height the checks leave this many rows to the large keys with their margin, and the rows
 # of the totals.
-KEY_ROWS = 5
+KEY_AREA_ROWS = 5
 # Period at which free space and the job's files are read again, s.
-LOOK_PERIOD_S = 30.0
+FILE_CHECK_PERIOD_S = 30.0
 # Notes on the screen; older notes are dropped.
-MOST_NOTES = 4
+MAX_NOTES = 4
 # Values of choices that are no file and no name: the NUL character cannot occur in either.
-FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"
+BROWSE_CHOICE, TYPE_PATH_CHOICE, WRITE_CHOICE = "\0folders", "\0typed", "\0write"
 # Units that a prescription map may have.
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
 # States in which a restart of the worker interrupts no work.
@@ -91,15 +96,15 @@ class JobScreen(Page):
         # Notes about finished actions, newest last.
         self.said: list[str] = []
         # Notes that are valid for the present run only.
-        self.said_of_run: list[str] = []
+        self.run_notes: list[str] = []
         # Log of the present run.
-        self._run = ""
+        self._run_log_path = ""
         # File that was chosen but is not used by any worker yet.
         self.pending = ""
         self.progress = ""
         self._work: Worker[None] | None = None
-        self._looked_s: float | None = None
-        self._looked_at: str | None = None
+        self._checked_s: float | None = None
+        self._checked_log_path: str | None = None
 
     @property
     def service(self) -> JobService | None:
@@ -122,10 +127,10 @@ class JobScreen(Page):
         """Process every frame, also while another page is open."""
         super().gather_frame(frame)
         # Notes about the former run are not valid for a new run.
-        if frame.log_path != self._run:
-            self._run = frame.log_path
+        if frame.log_path != self._run_log_path:
+            self._run_log_path = frame.log_path
             self.refill, self.field = RefillWatch(), FieldMean()
-            self.said_of_run.clear()
+            self.run_notes.clear()
         before = self.refill.seen_kg
         self.refill.add_row(frame.row)
         if self.refill.seen_kg is not None and before is None:
@@ -141,11 +146,11 @@ class JobScreen(Page):
         frame = self.app.arrival.frame
         log_path = frame.log_path if frame is not None else ""
         if self.service is not None and (
-            self._looked_s is None
-            or now_s - self._looked_s >= LOOK_PERIOD_S
-            or log_path != self._looked_at
+            self._checked_s is None
+            or now_s - self._checked_s >= FILE_CHECK_PERIOD_S
+            or log_path != self._checked_log_path
         ):
-            self._looked_s, self._looked_at = now_s, log_path
+            self._checked_s, self._checked_log_path = now_s, log_path
             self._read_facts(self.service, log_path)
         super().show_due(now_s)
 
@@ -179,11 +184,11 @@ class JobScreen(Page):
         listed.show_view(found)
         done = make_total_items(frame, age_s, units, self.app.fields.find_picture(frame))
         most, totalled = (
-            MOST_CHECKS[0 if self.has_class("-low") else 1],
+            MAX_CHECK_ROWS[0 if self.has_class("-low") else 1],
             self.query_one("#job-totals", Items),
         )
         if self.has_class("-tall") and self.has_class("-wide"):
-            most = max(most, self.query_one("#job").size.height - KEY_ROWS - len(done))
+            most = max(most, self.query_one("#job").size.height - KEY_AREA_ROWS - len(done))
             totalled.styles.height = "1fr"
         else:
             # Two totals share a row.
@@ -275,16 +280,16 @@ class JobScreen(Page):
             )
         if self.pending:
             notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
-        return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-MOST_NOTES:]))
+        return (*notes, *(JobNote(text) for text in (*self.said, *self.run_notes)[-MAX_NOTES:]))
 
     def add_note(self, text: str) -> None:
         """Add a note that stays."""
-        self.said[:] = [*self.said, text][-MOST_NOTES:]
+        self.said[:] = [*self.said, text][-MAX_NOTES:]
         self.refresh_all_next_tick()
 
     def add_run_note(self, text: str) -> None:
         """Add a note that stays until another run begins."""
-        self.said_of_run[:] = [*self.said_of_run, text][-MOST_NOTES:]
+        self.run_notes[:] = [*self.run_notes, text][-MAX_NOTES:]
         self.refresh_all_next_tick()
 
     # --- actions
@@ -315,7 +320,7 @@ class JobScreen(Page):
         def explain_doubt(filled_kg: float) -> str:
             return explain_refill_doubt(filled_kg, self.refill, hopper_kg, full_kg, unit)
 
-        low, high = round_inwards(unit, LEAST_FILLED_KG, full_kg, 1)
+        low, high = round_inwards(unit, MIN_REFILL_KG, full_kg, 1)
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
         # The key "hopper full" enters the mass that the scale saw, else the missing mass.
         shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)
@@ -360,7 +365,7 @@ class JobScreen(Page):
         """
         self.pending = find_file_name(taken)
         # The files are read again soon, because they have changed.
-        self._looked_s = None
+        self._checked_s = None
         if self.is_at_work:
             self.app.show_notice(
                 _("the machine works: stop it first, then choose again to start with it")
@@ -416,7 +421,7 @@ class JobScreen(Page):
         order."""
 
         def note_saved(path: str) -> None:
-            self._looked_s = None
+            self._checked_s = None
             self.add_run_note(
                 _("counts now; for the next start: {name}").format(name=find_file_name(path))
             )
@@ -429,7 +434,7 @@ class JobScreen(Page):
         """Report that a file was not written."""
         self.add_note(_("not written: {why}").format(why=why))
 
-    def take_file(self, work: Callable[[], str]) -> None:
+    def choose_written_file(self, work: Callable[[], str]) -> None:
         """Write another file for the job by `work`, which returns its name; then ask for a
         restart."""
 
@@ -497,16 +502,16 @@ class JobScreen(Page):
         """
 
         def take_choice(path: str) -> None:
-            if path == FOLDERS:
+            if path == BROWSE_CHOICE:
                 self._browse_folder("", kind, take)
-            elif path == TYPED:
+            elif path == TYPE_PATH_CHOICE:
                 self.app.ask_question(NameDialog(title, "", _("A path, typed or pasted.")), take)
             else:
                 take(path)
 
         more = (
-            Choice(FOLDERS, _("look in folders ...")),
-            Choice(TYPED, _("type or paste a path ...")),
+            Choice(BROWSE_CHOICE, _("look in folders ...")),
+            Choice(TYPE_PATH_CHOICE, _("type or paste a path ...")),
         )
         self.app.ask_question(ChoiceDialog(title, [*choices, *more], now, text), take_choice)
 
@@ -554,17 +559,17 @@ class JobScreen(Page):
         """Show a map, and process the operator's next step."""
 
         def take_choice(what: str) -> None:
-            if what == TAKE and self.service is not None:
+            if what == TAKE_CHOICE and self.service is not None:
                 service = self.service
-                self.take_file(lambda: service.choose_map(shown))
-            elif what == COLUMN:
+                self.choose_written_file(lambda: service.choose_map(shown))
+            elif what == COLUMN_CHOICE:
                 self._ask_how_to_read_map(
                     shown,
                     _("Which column is the rate?"),
                     [Choice(one, one) for one in shown.columns],
                     "column",
                 )
-            elif what == UNIT:
+            elif what == UNIT_CHOICE:
                 self._ask_how_to_read_map(
                     shown,
                     _("In which unit are the rates?"),
@@ -608,7 +613,7 @@ class JobScreen(Page):
         choices = [
             Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()
         ]
-        choices.append(Choice(WRITE, _("write the job with these names")))
+        choices.append(Choice(WRITE_CHOICE, _("write the job with these names")))
 
         def ask_text(name: str) -> None:
             self.app.push_screen(
@@ -627,8 +632,8 @@ class JobScreen(Page):
             )
 
         def take_choice(name: str) -> None:
-            if name == WRITE:
-                self.take_file(lambda: service.save_job_names(who))
+            if name == WRITE_CHOICE:
+                self.choose_written_file(lambda: service.save_job_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
                 self._ask_product(service, who, lambda: ask_text(name))
             else:
@@ -682,7 +687,7 @@ class JobScreen(Page):
 
         def use_on_job_page() -> None:
             self.app.turn_to_page(JOB)
-            self.app.call_after_refresh(self.take_file, choose_in_service)
+            self.app.call_after_refresh(self.choose_written_file, choose_in_service)
 
         self.app.ask_yes_no(
             _("Use it now?"),

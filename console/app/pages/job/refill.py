@@ -11,14 +11,14 @@ from topdress.console.locale import _
 from topdress.control.log_row import LogRow
 
 # Smaller rises, kg, may be a person who climbs on the machine or leans on the hopper.
-LEAST_RISE_KG = 5.0
+MIN_RISE_KG = 5.0
 # The mass counts as settled after this time, s, ...
 SETTLE_TIME_S = 3.0
 # ... within this range, kg.
 SETTLE_RANGE_KG = 1.0
-STANDING_MPS = 0.2
+MAX_STANDING_SPEED_MPS = 0.2
 # Smaller masses, kg, are no refill.
-LEAST_FILLED_KG = 0.1
+MIN_REFILL_KG = 0.1
 # Bags are weighed to a few percent and a scale reads to one percent: a larger relative difference
 # means that one of both is wrong.
 GROSS_ERROR_SHARE = 0.25
@@ -40,7 +40,7 @@ class RefillWatch:
 
     def add_row(self, row: LogRow) -> None:
         """Add a row of the run. Work, movement or a silent scale restarts the recognition."""
-        moving = (row.speed_used_mps or 0.0) > STANDING_MPS
+        moving = (row.speed_used_mps or 0.0) > MAX_STANDING_SPEED_MPS
         if row.hopper_kg is None or row.state == "working" or moving:
             self._window.clear()
             self._level_kg = None
@@ -65,7 +65,7 @@ class RefillWatch:
             # The lowest settled mass since the stop is the level before the refill: material may
             # still flow out.
             self._level_kg = level_kg
-        elif level_kg - self._level_kg > LEAST_RISE_KG:
+        elif level_kg - self._level_kg > MIN_RISE_KG:
             self.seen_kg = round(level_kg - self._level_kg, 1)
 
     @property

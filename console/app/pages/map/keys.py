@@ -52,7 +52,7 @@ def _choose_overlay(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
     if page.laid.path:
         choices.append(Choice("", _("none: take the file off")))
     page.app.ask_question(
-        ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), page.lay_file
+        ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), page.overlay_file
     )
 
 

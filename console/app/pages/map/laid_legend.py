@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from topdress.console.app.overlay_file import LaidFile
+from topdress.console.app.overlay_file import OverlayFile
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
@@ -17,14 +17,18 @@ from typing import ClassVar, NamedTuple
 from rich.cells import cell_len
 from textual.strip import Strip
 from topdress.console.app.layers import LAYER_LABELS, LayerScale, MapLayer
-from topdress.console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
+from topdress.console.app.map_ink import (
+    ERROR_LEVEL_SIGNS,
+    OVERLAY_COLOUR_SHARE,
+    OVERLAY_LEVEL_SIGNS,
+)
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.map_legend import draw_colour_ramp
-from topdress.console.app.widgets.panel import fit_width
+from topdress.console.app.widgets.panel import fit_text_width
 
 # The file is read in a thread, and again where another job has another plane. Beyond this distance
 # from the field or machine, m, the distance is reported.
-FAR_OFF_M = 500.0
+REPORTED_DISTANCE_M = 500.0
 M_PER_KM = 1000.0
 
 
@@ -36,13 +40,13 @@ class OverlayLoader:
         self._page = page
         self.path = ""
         self._asked: tuple[str, str, str] | None = None
-        self._laid: LaidFile | None = None
+        self._laid: OverlayFile | None = None
 
-    def want_file(self, path: str) -> None:
+    def request_file(self, path: str) -> None:
         """Request another file, or none with ""."""
         self.path, self._asked, self._laid = path, None, None
 
-    def find_overlay(self, frame: Frame | None) -> LaidFile | None:
+    def find_overlay(self, frame: Frame | None) -> OverlayFile | None:
         """Return the requested file on a frame's plane. The first call starts the load and returns
         None."""
         files = self._page.app.services.layers
@@ -62,15 +66,15 @@ class OverlayLoader:
     def _note_failure(self, key: tuple[str, str, str], why: str) -> None:
         """Report a failed load, unless another file was requested meanwhile."""
         if key == self._asked:
-            self.want_file("")
+            self.request_file("")
             self._page.app.show_notice(why)
 
-    def _take_overlay(self, key: tuple[str, str, str], laid: LaidFile) -> None:
+    def _take_overlay(self, key: tuple[str, str, str], laid: OverlayFile) -> None:
         """Store the loaded file, unless another file was requested meanwhile."""
         if key != self._asked:
             return
         self._laid = laid
-        if laid.apart_m > FAR_OFF_M:
+        if laid.apart_m > REPORTED_DISTANCE_M:
             self._page.app.show_notice(
                 _("{name} lies {distance} km from here").format(
                     name=laid.name, distance=f"{laid.apart_m / M_PER_KM:.1f}"
@@ -80,10 +84,10 @@ class OverlayLoader:
 
 
 # Limits of the width of the colour ramp, in cells.
-_LEAST_CELLS, _MOST_CELLS = 4, 24
+_MIN_RAMP_CELLS, _MAX_RAMP_CELLS = 4, 24
 
 
-class LaidLegendView(NamedTuple):
+class OverlayLegendView(NamedTuple):
     """Holds the legend; where `scale` is None, the text `said` replaces it."""
 
     name: str
@@ -92,16 +96,16 @@ class LaidLegendView(NamedTuple):
     said: str
 
 
-class LaidLegend(Canvas[LaidLegendView]):
+class OverlayLegend(Canvas[OverlayLegendView]):
     """Shows the legend."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
-    def draw_rows(self, view: LaidLegendView, width: int, height: int) -> list[Strip]:
+    def draw_rows(self, view: OverlayLegendView, width: int, height: int) -> list[Strip]:
         muted = self.find_style("map--muted")
         name = f" {_('file')} {view.name}: "
         if view.scale is None:
-            name = fit_width(name, min(cell_len(name), max(0, width - cell_len(view.said))))
+            name = fit_text_width(name, min(cell_len(name), max(0, width - cell_len(view.said))))
             return [self.make_text_strip(width, (name, self.rich_style), (view.said, muted))]
         scale = view.scale
         unit = f" {scale.unit}" if scale.unit else ""
@@ -111,20 +115,20 @@ class LaidLegend(Canvas[LaidLegendView]):
         )
         room = width - sum(map(cell_len, (low, high)))
         # The name of the file is shortened before the ramp disappears.
-        name = fit_width(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
-        cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
-        levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_LAID
+        name = fit_text_width(name, min(cell_len(name), max(0, room - _MIN_RAMP_CELLS)))
+        cells = max(_MIN_RAMP_CELLS, min(_MAX_RAMP_CELLS, room - cell_len(name)))
+        levels = ERROR_LEVEL_SIGNS if scale.layer is MapLayer.ERROR else OVERLAY_LEVEL_SIGNS
         return [
             self.make_text_strip(
                 width,
                 (name, self.rich_style),
                 (low, muted),
-                *draw_colour_ramp(self, scale, cells, levels, LAID_SHARE),
+                *draw_colour_ramp(self, scale, cells, levels, OVERLAY_COLOUR_SHARE),
                 (high, muted),
             )
         ]
 
 
-def find_label(scale: LayerScale | None, harvest: str) -> str:
+def find_overlay_label(scale: LayerScale | None, harvest: str) -> str:
     """Return the word for the file's numbers: the layer's, or its harvest."""
     return harvest if harvest or scale is None else _(LAYER_LABELS[scale.layer])

@@ -13,26 +13,26 @@ from topdress.console.app.action import JOB, MAP, make_bindings
 from topdress.console.app.boundary_drive import BoundaryDrive
 from topdress.console.app.camera import MapCamera, fit_box
 from topdress.console.app.dialogs import Choice, ChoiceDialog
-from topdress.console.app.guide_line import LEAST_LENGTH_M
+from topdress.console.app.guide_line import MIN_LINE_LENGTH_M
 from topdress.console.app.guide_line_store import (
     make_corner_record,
     make_drive_record,
     make_line_record,
 )
 from topdress.console.app.layers import LAYER_LABELS, MapLayer
-from topdress.console.app.overlay_file import LaidFile, LaidView
+from topdress.console.app.overlay_file import OverlayFile, OverlayView
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.pages.map.keys import ACTIONS
 from topdress.console.app.pages.map.laid_legend import (
-    LaidLegend,
-    LaidLegendView,
+    OverlayLegend,
+    OverlayLegendView,
     OverlayLoader,
-    find_label,
+    find_overlay_label,
 )
 from topdress.console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
 from topdress.console.app.pages.map.reading import PlaceReading, list_job_items, make_place_reading
 from topdress.console.app.pages.replay.service import ReplayJob
-from topdress.console.app.view import STALE_S, RunView, make_run_view
+from topdress.console.app.view import MAX_FRESH_AGE_S, RunView, make_run_view
 from topdress.console.app.widgets.items import Items
 from topdress.console.app.widgets.map_legend import LegendView, MapLegend
 from topdress.console.app.widgets.rates import SeatRates
@@ -40,9 +40,9 @@ from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 # Share of the picture by which an arrow key moves the map.
-PAN_SHARE = 0.2
+PAN_PICTURE_SHARE = 0.2
 # Size of a pixel, m, when following starts from the picture of the whole field.
-NEAR_PIXEL_M = 0.5
+FOLLOW_PIXEL_M = 0.5
 
 
 class MapScreen(LogPage):
@@ -73,7 +73,7 @@ class MapScreen(LogPage):
             yield MapLegend(
                 LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale"
             )
-            yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
+            yield OverlayLegend(OverlayLegendView("", "", None, ""), id="map-laid")
             yield ReadingLine(PlaceReading("", ()), id="map-reading")
         with Vertical(id="map-right"):
             yield SeatRates(rates, id="map-rates")
@@ -96,7 +96,7 @@ class MapScreen(LogPage):
         frame, age_s = self.find_frame(self.app.clock())
         self.query_one("#map-job", Items).show_view(
             list_job_items(
-                frame, self.app.fields.find_picture(frame), self.app.units, age_s > STALE_S
+                frame, self.app.fields.find_picture(frame), self.app.units, age_s > MAX_FRESH_AGE_S
             )
         )
 
@@ -194,12 +194,13 @@ class MapScreen(LogPage):
             if answer == "drop":
                 drop_drive()
             elif answer == "keep" and service is not None:
-                ring = drive.make_ring_deg()
+                ring = drive.make_edge_ring_deg()
                 self._set_drive(None)
                 self.app.turn_to_page(JOB)
                 # The Job page asks for the restart, so it must be open first.
                 self.call_later(
-                    self.app.job_page.take_file, lambda: service.save_driven_boundary(ring)
+                    self.app.job_page.choose_written_file,
+                    lambda: service.save_driven_boundary(ring),
                 )
 
         no_files = (
@@ -245,7 +246,7 @@ class MapScreen(LogPage):
         else:
             self.app.show_notice(
                 _("B is too near to A: {least} or more are needed").format(
-                    least=self.app.units.distance.format_with_name(LEAST_LENGTH_M)
+                    least=self.app.units.distance.format_with_name(MIN_LINE_LENGTH_M)
                 )
             )
 
@@ -280,8 +281,8 @@ class MapScreen(LogPage):
         view = self.make_map_view(frame, age_s, self.shown_layer, camera, laid)._replace(
             plan=self.plan, cross=cross
         )
-        if self.driven:
-            view = view._replace(lines=(*view.lines, self.driven))
+        if self.driven_boundary:
+            view = view._replace(lines=(*view.lines, self.driven_boundary))
         self.pane.show_view(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
         self.query_one("#map-scale", MapLegend).show_view(
@@ -293,29 +294,29 @@ class MapScreen(LogPage):
         self._show_legend(laid, view.laid)
         self._show_reading(camera)
 
-    def _show_legend(self, laid: LaidFile | None, shown: LaidView | None) -> None:
+    def _show_legend(self, laid: OverlayFile | None, shown: OverlayView | None) -> None:
         """Show the legend of the overlaid file, or why there is none."""
-        legend = self.query_one("#map-laid", LaidLegend)
+        legend = self.query_one("#map-laid", OverlayLegend)
         legend.display = bool(self.laid.path)
         if laid is None:
             waits = self._frame is None or self._frame.place_m is None
             said = _("no position yet") if waits else _("reading the file")
-            legend.show_view(LaidLegendView(Path(self.laid.path).name, "", None, said))
+            legend.show_view(OverlayLegendView(Path(self.laid.path).name, "", None, said))
             return
         scale = shown.scale if shown is not None else None
-        label = find_label(scale, laid.harvest.label if laid.harvest is not None else "")
+        label = find_overlay_label(scale, laid.harvest.label if laid.harvest is not None else "")
         lacks = _("no {what} in it").format(what=_(LAYER_LABELS[self.shown_layer]))
         legend.show_view(
-            LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks)
+            OverlayLegendView(laid.name, label, scale, "" if scale is not None else lacks)
         )
 
-    def lay_file(self, path: str) -> None:
+    def overlay_file(self, path: str) -> None:
         """Overlay a file on the map; "" removes the overlay."""
-        self.laid.want_file(path)
+        self.laid.request_file(path)
         self.app.show_changes()
 
     @property
-    def driven(self) -> tuple[tuple[float, float], ...]:
+    def driven_boundary(self) -> tuple[tuple[float, float], ...]:
         """Boundary in progress for the map."""
         return tuple(self._driven) if self.drive is not None else ()
 
@@ -367,7 +368,9 @@ class MapScreen(LogPage):
     def pan_map(self, right: int, up: int) -> None:
         """Move the map by a share of the picture, and mark its middle."""
         width, height = self._find_map_size()
-        self._move_camera(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
+        self._move_camera(
+            round(right * PAN_PICTURE_SHARE * width), round(up * PAN_PICTURE_SHARE * height)
+        )
         self.marked = True
 
     def toggle_follow(self) -> None:
@@ -376,7 +379,7 @@ class MapScreen(LogPage):
         self.marked = False
         place = self._frame.place_m if self._frame is not None else None
         if self.camera is None and place is not None:
-            self.camera = MapCamera(*place, min(NEAR_PIXEL_M, self._find_camera().metres))
+            self.camera = MapCamera(*place, min(FOLLOW_PIXEL_M, self._find_camera().metres))
 
     def _move_camera(self, columns: int, rows: int) -> None:
         """Move the map by pixels, which ends following."""
@@ -384,7 +387,7 @@ class MapScreen(LogPage):
 
     def on_resize(self, event: object) -> None:
         """Draw the map for the new size."""
-        self.maps.hurry_up()
+        self.maps.make_due()
 
     def on_map_bar_chosen(self, event: MapBar.Chosen) -> None:
         """Show the chosen layer."""

@@ -9,7 +9,7 @@ from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.map_image import GroundPixels
-from topdress.console.app.overlay_file import LaidView
+from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import Units
 from topdress.console.app.view import (
@@ -44,7 +44,7 @@ def make_place_reading(
     worked: WorkedGround,
     picture: FieldPicture | None,
     units: Units,
-    laid: LaidView | None = None,
+    laid: OverlayView | None = None,
 ) -> PlaceReading:
     """Return the means over one pixel at a position.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from topdress.console.app.guide_line_store import KeptLines
-from topdress.console.app.overlay_file import LaidFile
+from topdress.console.app.overlay_file import OverlayFile
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.frame import Frame
 
@@ -18,7 +18,7 @@ class LayerFiles(Protocol):
     def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
         """Return the files, newest first, without the log that is being written."""
 
-    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
+    def make_overlay(self, path: str, frame: Frame) -> OverlayFile:
         """Read a file onto the plane of a frame with a position; a long file takes seconds."""
 
 

@@ -47,7 +47,7 @@ def seek_next_alarm(page: ReplayScreen) -> None:
 
 def ask_what_if(page: ReplayScreen) -> None:
     """Ask for another strategy, crop or machine, and recompute the log with it."""
-    job = page.played
+    job = page.opened_job
     # The value has kind and name, because the list mixes three kinds of choices.
     choices = [
         Choice(f"strategy:{name}", f"{_('strategy')}: {words.name_strategy(name)}")
@@ -63,8 +63,10 @@ def ask_what_if(page: ReplayScreen) -> None:
 
 def show_findings(page: ReplayScreen) -> None:
     """Show the notes on the log."""
-    text = "\n".join(page.played.findings) or _("nothing was found")
-    page.app.push_screen(TextDialog(_("Findings about {name}").format(name=page.played.name), text))
+    text = "\n".join(page.opened_job.findings) or _("nothing was found")
+    page.app.push_screen(
+        TextDialog(_("Findings about {name}").format(name=page.opened_job.name), text)
+    )
 
 
 def explain_no_log(page: ReplayScreen) -> str:

@@ -10,7 +10,13 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.widgets.panel import Panel, TextPart, fit_width, make_line, spread_parts
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    fit_text_width,
+    make_line,
+    spread_parts,
+)
 from topdress.console.locale import _
 
 if TYPE_CHECKING:
@@ -129,7 +135,7 @@ class ReplayBar(Panel[ReplayView]):
                 parts.append(("!", "bold $on-alarm-red on $alarm-red"))
             else:
                 parts.append(("━" if cell < at else "─", "$primary" if cell < at else "$muted"))
-        return make_line(*parts, (fit_width(last, cell_len(last)), "$muted"))
+        return make_line(*parts, (fit_text_width(last, cell_len(last)), "$muted"))
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
         """Return the clickable positions: word of a computation, ends of the log."""
@@ -155,7 +161,7 @@ class ReplayBar(Panel[ReplayView]):
             self.post_message(self.Seek((event.x - cell_len(first)) / max(1, room - 1)))
 
 
-_NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
+_NO_LOG_VIEW = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
@@ -204,7 +210,7 @@ class ReplayScreen(PanelScreen):
         self.chosen = WhatIf()
         self.computing: Worker[None] | None = None
         self._history = LogHistory(())
-        self._share, self._changed = 0.0, ""
+        self._computed_share, self._difference_text = 0.0, ""
         if job is not None:
             self.open_job(job)
 
@@ -239,7 +245,9 @@ class ReplayScreen(PanelScreen):
         return book.records
 
     def compose_extra(self) -> ComposeResult:
-        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: J opens one")), id="replay-bar")
+        yield ReplayBar(
+            _NO_LOG_VIEW._replace(name=_("no log is open: J opens one")), id="replay-bar"
+        )
 
     def find_replayed(self) -> ReplayJob | None:
         return self.job
@@ -277,7 +285,7 @@ class ReplayScreen(PanelScreen):
             ""
             if self.computing is None
             else _("computing {percent} %, Esc cancels").format(
-                percent=f"{100.0 * self._share:.0f}"
+                percent=f"{100.0 * self._computed_share:.0f}"
             )
         )
         self.query_one("#replay-bar", ReplayBar).show_view(
@@ -293,7 +301,7 @@ class ReplayScreen(PanelScreen):
                 len(self.job.findings),
                 busy,
                 self._alarm_shares,
-                self._changed if self.chosen != WhatIf() else "",
+                self._difference_text if self.chosen != WhatIf() else "",
             )
         )
 
@@ -320,7 +328,7 @@ class ReplayScreen(PanelScreen):
             self.refresh_all_next_tick()
 
     @property
-    def played(self) -> ReplayJob:
+    def opened_job(self) -> ReplayJob:
         """Log, for actions that need one."""
         assert self.job is not None
         return self.job
@@ -328,7 +336,7 @@ class ReplayScreen(PanelScreen):
     @property
     def player(self) -> ReplaySource:
         """Source of the frames."""
-        return self.played.source
+        return self.opened_job.source
 
     def show_recorded(self) -> None:
         """Play the log as recorded."""
@@ -355,14 +363,14 @@ class ReplayScreen(PanelScreen):
         # Changes accumulate: the new choice extends the present choices.
         compute, wanted = self.job.what_if, self.chosen._replace(**{field: value})
         self.cancel_what_if()
-        self._share = 0.0
+        self._computed_share = 0.0
 
         def run_in_thread() -> Sequence[Frame]:
             me = get_current_worker()
 
             def note_progress(share: float) -> None:
                 if not me.is_cancelled:
-                    self._share = share
+                    self._computed_share = share
 
             return compute(wanted, lambda: me.is_cancelled, note_progress)
 
@@ -375,7 +383,7 @@ class ReplayScreen(PanelScreen):
                 self.app.show_notice(str(error))
                 return
             self.chosen = wanted
-            self._changed = describe_difference(self._recorded, frames, self.app.units)
+            self._difference_text = describe_difference(self._recorded, frames, self.app.units)
             self._note_alarms()
 
         def note_failure(why: str) -> None:

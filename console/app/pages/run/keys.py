@@ -82,15 +82,15 @@ def _format_allowance(what: str, allowed: bool) -> str:
 
 
 # Cells of the trend by which its cursor moves with Shift.
-FAR_STEP_CELLS = 10
+CURSOR_FAR_STEP_CELLS = 10
 # Below this speed, m/s, figures are calculated for 4.5 km/h, the speed of the papers.
-SLOWEST_WORK_MPS = 1.25
+MIN_WORKING_SPEED_MPS = 1.25
 
 if TYPE_CHECKING:
     from topdress.console.app.pages.run.page import RunScreen
 
 
-def give_start(page: RunScreen) -> None:
+def give_start_order(page: RunScreen) -> None:
     """Give START. Repeats of the key tell the worker that it is held, which permits flow before the
     machine moves."""
     now_s = page.app.clock()
@@ -104,11 +104,11 @@ def _ask_nudge(page: RunScreen, first: int) -> None:
     now = (frame.row.nudge_percent if frame else None) or 0.0
 
     page.app.ask_question(
-        NudgeDialog(now, first), lambda percent: _give_if_changed(page, Do.NUDGE, percent, now)
+        NudgeDialog(now, first), lambda percent: _give_changed_order(page, Do.NUDGE, percent, now)
     )
 
 
-def _give_if_changed(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
+def _give_changed_order(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
     """Give an order unless its value is already in force."""
     if value != now:
         page.app.give_order(do, value)
@@ -123,7 +123,7 @@ def _describe_reach(page: RunScreen, by: Strategy) -> str:
     from topdress.control.metering.strategies import describe_reach
 
     rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
-    mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
+    mps = max(frame.row.speed_used_mps or 0.0, MIN_WORKING_SPEED_MPS)
     of = describe_reach(machine, by, rate_kg_ha, mps)
     return (
         ""
@@ -216,7 +216,7 @@ def _format_source(page: RunScreen, source: TargetSource) -> str:
 
 def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
     """Show a list, and give the order of the chosen entry."""
-    page.app.ask_question(dialog, lambda value: _give_if_changed(page, do, value, dialog.now))
+    page.app.ask_question(dialog, lambda value: _give_changed_order(page, do, value, dialog.now))
 
 
 def ask_manual_rate(page: RunScreen) -> None:
@@ -400,7 +400,7 @@ ACTIONS = set_page(
         "S",
         N_("start"),
         N_("Ready or held: begin to work."),
-        give_start,
+        give_start_order,
         bar=3,
         # `judged`: the worker decides, because a state may have changed since the newest frame.
         why=lambda page: explain_no_start(page.app),
@@ -588,7 +588,7 @@ ACTIONS = set_page(
         "S-<",
         N_("cursor far back"),
         N_("Ten steps at once."),
-        lambda page: page.move_cursor(-FAR_STEP_CELLS),
+        lambda page: page.move_cursor(-CURSOR_FAR_STEP_CELLS),
         why=lambda page: page.explain_no_cursor(),
     ),
     Action(
@@ -597,7 +597,7 @@ ACTIONS = set_page(
         "S->",
         N_("cursor far on"),
         N_("Ten steps at once."),
-        lambda page: page.move_cursor(FAR_STEP_CELLS),
+        lambda page: page.move_cursor(CURSOR_FAR_STEP_CELLS),
         why=lambda page: page.explain_no_cursor(),
     ),
     Action(

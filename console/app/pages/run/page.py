@@ -21,7 +21,13 @@ from topdress.console.app.view import (
     format_duration,
     format_local_time,
 )
-from topdress.console.app.widgets.panel import Panel, TextPart, choose_fullest, fit_width, make_line
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    choose_longest_fit,
+    fit_text_width,
+    make_line,
+)
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import State
@@ -38,7 +44,7 @@ class ModelCheck(Panel[tuple[str, ...]]):
 
     def draw_rows(self, view: tuple[str, ...], width: int, height: int) -> list[Content]:
         text = next((text for text in view if cell_len(text) <= width), view[-1] if view else "")
-        return [make_line((fit_width(text, width), "$warning" if text else ""))]
+        return [make_line((fit_text_width(text, width), "$warning" if text else ""))]
 
 
 def list_model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tuple[str, ...]:
@@ -98,8 +104,8 @@ def is_turning(frame: Frame) -> bool:
 # tenth of a metre, the initial setting of other makers' light bars.
 LIGHT_STEP_M = 0.1
 # Lights on each side of the centre.
-LIGHTS_A_SIDE = 8
-LIT, DARK = "█", "·"
+LIGHTS_PER_SIDE = 8
+LIT_SIGN, DARK_SIGN = "█", "·"
 
 
 class LightView(NamedTuple):
@@ -122,7 +128,7 @@ def make_light_view(
         return None
     # Two decimals of a metre, or one of a foot, suit the accuracy of RTK.
     near = units.fine_distance._replace(decimals=2 if units.id == "metric" else 1)
-    lights = max(-LIGHTS_A_SIDE, min(LIGHTS_A_SIDE, round(off.right_m / LIGHT_STEP_M)))
+    lights = max(-LIGHTS_PER_SIDE, min(LIGHTS_PER_SIDE, round(off.right_m / LIGHT_STEP_M)))
     text = near.format_with_name(abs(off.right_m))
     said = (
         _("{distance} right of the line")
@@ -144,13 +150,13 @@ class LightBar(Panel[LightView | None]):
     def draw_rows(self, view: LightView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
-        left = DARK * (LIGHTS_A_SIDE + min(0, view.lights)) + LIT * max(0, -view.lights)
-        after = LIT * max(0, view.lights) + DARK * (LIGHTS_A_SIDE - max(0, view.lights))
+        left = DARK_SIGN * (LIGHTS_PER_SIDE + min(0, view.lights)) + LIT_SIGN * max(0, -view.lights)
+        after = LIT_SIGN * max(0, view.lights) + DARK_SIGN * (LIGHTS_PER_SIDE - max(0, view.lights))
         lit = "$stale" if view.said.stale else "$alarm-amber" if view.lights else "$target"
         middle: TextPart = (" ◆ " if not view.lights else " ┃ ", f"bold {lit}")
-        bar = 2 * LIGHTS_A_SIDE + 3
+        bar = 2 * LIGHTS_PER_SIDE + 3
         text = f" {view.said.text}"
-        track = choose_fullest((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
+        track = choose_longest_fit((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
         gap = " " * max(0, width - bar - cell_len(text) - cell_len(track) - 1)
         return [
             make_line(

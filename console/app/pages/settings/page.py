@@ -25,15 +25,15 @@ from topdress.console.app.pages.settings.keys import ACTIONS
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.settings import apply_settings, find_key_clash, find_keymap_fault
 from topdress.console.app.typed_number import round_inwards
-from topdress.console.app.undo import Undoable
+from topdress.console.app.undo import UndoableChange
 from topdress.console.app.units import Unit
 from topdress.console.app.view import RunView
 from topdress.console.app.widgets.panel import (
     Picked,
     PickList,
     TextPart,
-    choose_fullest,
-    fit_width,
+    choose_longest_fit,
+    fit_text_width,
     make_line,
     wrap_text,
 )
@@ -80,15 +80,15 @@ class SettingsList(PickList[SettingsView]):
         foot = self._draw_foot(view, width)
         for index in self._choose_rows(view, height - len(head) - len(foot)):
             if isinstance(index, str):
-                rows.append(make_line((fit_width(f" {index}", width), "bold $primary")))
+                rows.append(make_line((fit_text_width(f" {index}", width), "bold $primary")))
                 continue
             one = view.lines[index]
             here = index == view.at
             style = "bold $on-select on $select" if here else "bold" if one.own else ""
             parts: list[TextPart] = [
-                (fit_width(f" {'>' if here else ' '} {one.label}", label), style),
-                (fit_width(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
-                (choose_fullest((f" {one.hint}", ""), width - label - value), "$muted"),
+                (fit_text_width(f" {'>' if here else ' '} {one.label}", label), style),
+                (fit_text_width(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
+                (choose_longest_fit((f" {one.hint}", ""), width - label - value), "$muted"),
             ]
             rows.append(make_line(*parts))
         return [
@@ -101,14 +101,14 @@ class SettingsList(PickList[SettingsView]):
     @staticmethod
     def _draw_head(view: SettingsView, width: int) -> list[Content]:
         """Return the rows with the file's path and the reason why it was not used."""
-        place = choose_fullest((view.place, find_file_name(view.place)), width - 1)
+        place = choose_longest_fit((view.place, find_file_name(view.place)), width - 1)
         trouble = wrap_text(view.trouble, width - 4)
         return [
             make_line((f" {place}", "$muted")),
             *(
                 make_line(
                     (
-                        fit_width(f" {'!' if not k else ' '} {row}", width),
+                        fit_text_width(f" {'!' if not k else ' '} {row}", width),
                         "bold $on-alarm-amber on $alarm-amber",
                     )
                 )
@@ -176,7 +176,7 @@ class SettingsScreen(Page):
         self.at = 0
         self._writing = asyncio.Lock()
         # Settings in the file, once a change was made: a failed write returns to them.
-        self._kept: Settings | None = None
+        self._stored_settings: Settings | None = None
 
     @property
     def store(self) -> SettingsStore | None:
@@ -360,10 +360,10 @@ class SettingsScreen(Page):
             )
         else:
             self.app.ask_question(
-                KeyPressDialog(row.label, row.shown), lambda key: self._take_key(row.path[1], key)
+                KeyPressDialog(row.label, row.shown), lambda key: self._assign_key(row.path[1], key)
             )
 
-    def _take_key(self, name: str, key: str) -> None:
+    def _assign_key(self, name: str, key: str) -> None:
         """Assign a key to an action, if it is free."""
         assert self.store is not None
         keymap = {**self.store.settings.keymap, name: key}
@@ -412,11 +412,13 @@ class SettingsScreen(Page):
         store.settings, store.trouble = settings, apply_settings(self.app, settings)
         if before != settings:
             self.app.undo.add_change(
-                Undoable(_("settings before the last change"), partial(self.use_settings, before))
+                UndoableChange(
+                    _("settings before the last change"), partial(self.use_settings, before)
+                )
             )
         # Writes are asynchronous: the settings before the first unsaved change are those of the
         # file.
-        self._kept = self._kept or before
+        self._stored_settings = self._stored_settings or before
         self.app.run_worker(self._write_settings(settings), group="settings", exit_on_error=False)
         self._redraw_pages()
 
@@ -424,14 +426,14 @@ class SettingsScreen(Page):
         """Write settings in a thread, one write after the other, because a disk may be slow. After
         a failure the file's settings are used again."""
         store = self.store
-        assert store is not None and self._kept is not None
+        assert store is not None and self._stored_settings is not None
         try:
             async with self._writing:
                 await asyncio.to_thread(store.write, settings)
-                self._kept = settings
+                self._stored_settings = settings
         except OSError as error:
-            store.settings = self._kept
-            apply_settings(self.app, self._kept)
+            store.settings = self._stored_settings
+            apply_settings(self.app, self._stored_settings)
             store.trouble = _("not kept: {why}").format(
                 why=f"{store.place}: {error.strerror or error}"
             )

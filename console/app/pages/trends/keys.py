@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.trends.page import TrendsScreen
 
 # Share of the span by which the cursor moves with Shift.
-FAR_STEP_SHARE = 0.1
+CURSOR_FAR_STEP_SHARE = 0.1
 # Share of the span by which PgUp and PgDn scroll: half keeps the context visible.
-SCROLL_SHARE = 0.5
+SCROLL_SPAN_SHARE = 0.5
 
 
 def show_whole_run(page: TrendsScreen) -> None:
@@ -111,7 +111,7 @@ ACTIONS = set_page(
         "S-<",
         N_("cursor far back"),
         N_("A tenth of the span at once."),
-        lambda page: page.move_cursor(-FAR_STEP_SHARE * page.find_window().length_s),
+        lambda page: page.move_cursor(-CURSOR_FAR_STEP_SHARE * page.find_window().length_s),
     ),
     Action(
         "trends_far_right",
@@ -119,7 +119,7 @@ ACTIONS = set_page(
         "S->",
         N_("cursor far on"),
         N_("A tenth of the span at once."),
-        lambda page: page.move_cursor(FAR_STEP_SHARE * page.find_window().length_s),
+        lambda page: page.move_cursor(CURSOR_FAR_STEP_SHARE * page.find_window().length_s),
     ),
     Action(
         "trends_cursor_off",
@@ -136,7 +136,7 @@ ACTIONS = set_page(
         "PgUp",
         N_("earlier"),
         N_("Half a span back; the plots stand still."),
-        lambda page: page.scroll_span(-SCROLL_SHARE),
+        lambda page: page.scroll_span(-SCROLL_SPAN_SHARE),
     ),
     Action(
         "trends_later",
@@ -144,7 +144,7 @@ ACTIONS = set_page(
         "PgDn",
         N_("later"),
         N_("Half a span on."),
-        lambda page: page.scroll_span(SCROLL_SHARE),
+        lambda page: page.scroll_span(SCROLL_SPAN_SHARE),
     ),
     Action(
         "trends_log",

@@ -14,7 +14,7 @@ from textual.content import Content
 from textual.widgets import Button
 from topdress.console.app.action import TRENDS, make_bindings
 from topdress.console.app.braille import PlotPiece
-from topdress.console.app.channels import BY_ID, CHANNELS, FIRST_CHANNELS, TrendChannel
+from topdress.console.app.channels import BY_ID, CHANNELS, DEFAULT_TREND_CHANNELS, TrendChannel
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.pages.log_page import LogPage
 from topdress.console.app.pages.replay.service import ReplayJob
@@ -22,14 +22,14 @@ from topdress.console.app.pages.trends.keys import ACTIONS
 from topdress.console.app.pages.trends.plots import ChannelPlot, Plots, PlotsView, round_axis_ends
 from topdress.console.app.series import TrendStretch, summarise_stretch
 from topdress.console.app.units import Unit, Units
-from topdress.console.app.view import STALE_S, format_duration, format_local_time
-from topdress.console.app.widgets.panel import Panel, Picked, fit_width, spread_parts
+from topdress.console.app.view import MAX_FRESH_AGE_S, format_duration, format_local_time
+from topdress.console.app.widgets.panel import Panel, Picked, fit_text_width, spread_parts
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 # The dialog lists all channels; Enter plots a channel or removes it. Three plots have readable
 # heights on a usual screen.
-MOST_CHANNELS = 3
+MAX_CHANNELS = 3
 
 
 class ChannelDialog(ChoiceDialog):
@@ -62,11 +62,11 @@ class ChannelDialog(ChoiceDialog):
     def _format_channel(self, channel: TrendChannel) -> str:
         """Return a line for a channel: position among the plots, label, unit."""
         mark = f"{self.chosen.index(channel.id) + 1}" if channel.id in self.chosen else " "
-        return f"[{mark}] {fit_width(_(channel.label), 24)}{channel.unit(self._units).name}"
+        return f"[{mark}] {fit_text_width(_(channel.label), 24)}{channel.unit(self._units).name}"
 
     def action_yes(self) -> None:
         """Plot the marked channel, or remove it."""
-        if not self._wrong:
+        if not self._unknown_number:
             self._toggle_channel(self.choices[self.at].value)
 
     def on_picked(self, event: Picked) -> None:
@@ -79,7 +79,7 @@ class ChannelDialog(ChoiceDialog):
         if channel in self.chosen:
             self.chosen.remove(channel)
         else:
-            self.chosen = [*self.chosen, channel][-MOST_CHANNELS:]
+            self.chosen = [*self.chosen, channel][-MAX_CHANNELS:]
         self.choices = self._list_choices()
         self._show_mark()
         self._tell(tuple(self.chosen))
@@ -110,9 +110,9 @@ SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400
 # The first span shows two minutes, as the Run page does.
 FIRST_SPAN_INDEX = SPANS_S.index(120.0)
 # A time without rows beyond this, s, and beyond three buckets, is a gap.
-LONGEST_STEP_S = 2.5
+MAX_ROW_STEP_S = 2.5
 # More buckets than any span has rows, which selects the finest series.
-MOST_BUCKETS = 100_000
+MAX_BUCKETS = 100_000
 
 
 class TimeWindow(NamedTuple):
@@ -143,7 +143,7 @@ class TrendsScreen(LogPage):
 
     def __init__(self) -> None:
         super().__init__()
-        self.channels: tuple[str, ...] = FIRST_CHANNELS
+        self.channels: tuple[str, ...] = DEFAULT_TREND_CHANNELS
         self.span: int | None = FIRST_SPAN_INDEX
         self.ends_s: float | None = None
         self.cursor_s: float | None = None
@@ -205,7 +205,7 @@ class TrendsScreen(LogPage):
                 end,
                 cursor,
                 "" if self.cursor_s is None else self._format_time(self.cursor_s, frame),
-                age_s > STALE_S,
+                age_s > MAX_FRESH_AGE_S,
             )
         )
         self.query_one("#trends-bar", SpanBar).show_view(
@@ -251,7 +251,7 @@ class TrendsScreen(LogPage):
             )
         )
         # Buckets wider than a row's period make longer steps normal.
-        gap_s = max(LONGEST_STEP_S, 3.0 * window.length_s / buckets)
+        gap_s = max(MAX_ROW_STEP_S, 3.0 * window.length_s / buckets)
         at_s = window.to_s if self.cursor_s is None else self.cursor_s
         return ChannelPlot(
             _(channel.label),
@@ -268,7 +268,7 @@ class TrendsScreen(LogPage):
     def _format_value_at(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
         """Return the value in force at a time from the finest series; "--" in a gap."""
         before = self.find_series().find_stretch(
-            channel.id, at_s - LONGEST_STEP_S, at_s, MOST_BUCKETS
+            channel.id, at_s - MAX_ROW_STEP_S, at_s, MAX_BUCKETS
         )
         value = float(before.mean[-1]) if len(before.mean) else float("nan")
         return "--" if value != value else unit.format_value(value)
@@ -328,9 +328,9 @@ class TrendsScreen(LogPage):
         if self.cursor_s is not None and self.ends_s is not None:
             share = (self.cursor_s - before.from_s) / before.length_s
             self.ends_s = self.cursor_s + (1.0 - share) * SPANS_S[self.span]
-            self._clamp_end()
+            self._clamp_window_end()
 
-    def _clamp_end(self) -> None:
+    def _clamp_window_end(self) -> None:
         """Keep the end of the frozen span within the series."""
         series = self.find_series()
         if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
@@ -362,7 +362,7 @@ class TrendsScreen(LogPage):
             return
         self._freeze_if_running()
         self.ends_s = (self.ends_s or 0.0) + share * self.find_window().length_s
-        self._clamp_end()
+        self._clamp_window_end()
 
     def on_plots_pointed(self, event: Plots.Pointed) -> None:
         """Set the cursor at the clicked time."""

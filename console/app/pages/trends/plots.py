@@ -15,17 +15,17 @@ from rich.style import Style
 from textual import events
 from textual.message import Message
 from textual.strip import Strip
-from topdress.console.app.braille import BLANK_CODE, CellDots, PlotPiece, trace_cells
+from topdress.console.app.braille import BLANK_BRAILLE_CODE, CellDots, PlotPiece, trace_cells
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_right, fit_width
+from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Columns for the numbers of the vertical axis.
-_AXIS_CELLS = 9
+_AXIS_LABEL_CELLS = 9
 # A plot needs a title and two rows.
-LEAST_PLOT_ROWS = 3
+MIN_PLOT_ROWS = 3
 # From this number of rows the middle of the axis has a label too.
-LEAST_LABELLED_ROWS = 5
+MIN_LABELLED_ROWS = 5
 
 
 class ChannelPlot(NamedTuple):
@@ -92,7 +92,7 @@ class Plots(Canvas[PlotsView]):
     @staticmethod
     def count_columns(width: int) -> int:
         """Return the number of cells of the plot itself."""
-        return max(1, width - _AXIS_CELLS - 1)
+        return max(1, width - _AXIS_LABEL_CELLS - 1)
 
     def count_plot_rows(self, height: int) -> list[int]:
         """Return the rows of each plot, including its title, without the time axis."""
@@ -104,11 +104,11 @@ class Plots(Canvas[PlotsView]):
         muted = self.find_style("trend--muted")
         if not view.plots:
             return [self.make_text_strip(width, (f" {_('V chooses what is plotted')}", muted))]
-        if width < _AXIS_CELLS + 20:
+        if width < _AXIS_LABEL_CELLS + 20:
             return []
         rows: list[Strip] = []
         for plot, count in zip(view.plots, self.count_plot_rows(height), strict=True):
-            if count >= LEAST_PLOT_ROWS:
+            if count >= MIN_PLOT_ROWS:
                 rows.append(self._draw_title(plot, width))
                 rows += self._draw_plot(plot, width, count - 1)
             else:
@@ -135,7 +135,7 @@ class Plots(Canvas[PlotsView]):
         fixed = f"  {_('fixed')} " if plot.fixed else ""
         room = width - sum(cell_len(text) for text, _style in left) - cell_len(fixed)
         return self.make_text_strip(
-            width, *left, (fit_width(plot.sums, room), muted), (fixed, muted)
+            width, *left, (fit_text_width(plot.sums, room), muted), (fixed, muted)
         )
 
     def _draw_plot(self, plot: ChannelPlot, width: int, count: int) -> Iterator[Strip]:
@@ -149,11 +149,11 @@ class Plots(Canvas[PlotsView]):
             # The same rounding as for the dots, so that the cursor is in the column of its value.
             None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
         )
-        labels = {(count - 1) // 2: plot.middle} if count >= LEAST_LABELLED_ROWS else {}
+        labels = {(count - 1) // 2: plot.middle} if count >= MIN_LABELLED_ROWS else {}
         labels |= {0: plot.high, count - 1: plot.low}
         for row in range(count):
             label = labels.get(row, "")
-            segments = [Segment(align_right(label, _AXIS_CELLS - 1) + " ", muted)]
+            segments = [Segment(align_text_right(label, _AXIS_LABEL_CELLS - 1) + " ", muted)]
             segments += self._draw_cells(dots, row, columns, cursor, line, cursor_style)
             yield Strip(segments).adjust_cell_length(width, self.rich_style)
 
@@ -163,7 +163,7 @@ class Plots(Canvas[PlotsView]):
     ) -> Iterator[Segment]:
         """Yield the cells before the cursor, its own cell, and the cells after it."""
         row_of = [
-            chr(BLANK_CODE | bits) if (bits := dots.get((column, row), 0)) else " "
+            chr(BLANK_BRAILLE_CODE | bits) if (bits := dots.get((column, row), 0)) else " "
             for column in range(columns)
         ]
         if cursor is None or not 0 <= cursor < columns:
@@ -193,7 +193,7 @@ class Plots(Canvas[PlotsView]):
         muted = self.find_style("trend--muted")
         return self.make_text_strip(
             width,
-            (" " * _AXIS_CELLS + line[:taken], muted),
+            (" " * _AXIS_LABEL_CELLS + line[:taken], muted),
             (read, self.find_style("plots--cursor")),
             (line[taken + len(read) :], muted),
         )
@@ -223,8 +223,10 @@ class Plots(Canvas[PlotsView]):
             self.post_message(self.Named())
             return
         columns = self.count_columns(self.content_size.width)
-        if _AXIS_CELLS <= event.x < _AXIS_CELLS + columns:
-            self.post_message(self.Pointed((2 * (event.x - _AXIS_CELLS) + 0.5) / (2 * columns - 1)))
+        if _AXIS_LABEL_CELLS <= event.x < _AXIS_LABEL_CELLS + columns:
+            self.post_message(
+                self.Pointed((2 * (event.x - _AXIS_LABEL_CELLS) + 0.5) / (2 * columns - 1))
+            )
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
         """Shorten the span."""
@@ -238,7 +240,7 @@ class Plots(Canvas[PlotsView]):
 
 
 # An axis has at least this number of round steps.
-_LEAST_STEPS = 4
+_MIN_AXIS_STEPS = 4
 
 
 def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
@@ -246,11 +248,11 @@ def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, floa
     gives 0 to 1."""
     if not (isfinite(low) and isfinite(high)):
         return 0.0, 1.0
-    least = _LEAST_STEPS * 10.0**-decimals
+    least = _MIN_AXIS_STEPS * 10.0**-decimals
     if high - low < least:
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * least, middle + 0.5 * least
-    step = _choose_round_step((high - low) / _LEAST_STEPS)
+    step = _choose_round_step((high - low) / _MIN_AXIS_STEPS)
     # The tolerance prevents another step for a value exactly on a round number.
     return floor(low / step + 1e-9) * step, ceil(high / step - 1e-9) * step
 
