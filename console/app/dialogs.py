@@ -127,7 +127,7 @@ class NudgeDialog(Dialog[float | None]):
         self.percent = now_percent
         # True after a typed digit. Numbers are not accepted here, so a 0 that follows must not
         # clear the nudge.
-        self._number_begun = False
+        self._is_number_started = False
         self.action_step(first)
 
     def compose_body(self) -> ComposeResult:
@@ -137,12 +137,12 @@ class NudgeDialog(Dialog[float | None]):
         """Refuse digits with an explanation, because the 0 of a typed `10` must not clear the
         nudge."""
         digit = event.character or event.key.removeprefix("kp_")
-        if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._number_begun):
+        if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._is_number_started):
             event.stop()
-            self._number_begun = True
+            self._is_number_started = True
             self._show_nudge(_("It goes in steps: + and - change it, a number is not typed here."))
         elif event.key in ("backspace", "delete"):
-            self._number_begun = False
+            self._is_number_started = False
             self._show_nudge()
 
     def _format_nudge(self) -> str:
@@ -152,7 +152,7 @@ class NudgeDialog(Dialog[float | None]):
         """Change the nudge by steps of 5 %."""
         wanted = self.percent + steps * self.STEP_PERCENT
         self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
-        self._number_begun = False
+        self._is_number_started = False
         self._show_nudge()
 
     def action_zero(self) -> None:
