@@ -105,12 +105,14 @@ class MapCamera(NamedTuple):
 
         Pixel edges lie on multiples of the pixel size, so that a moving map does not flicker.
         """
+        # Rounding to whole pixels keeps cells and pixels aligned while the map moves.
         west = round(self.east_m / self.metres - columns / 2) * self.metres
         north = round(self.north_m / self.metres + rows / 2) * self.metres
         return PixelGrid(columns, rows, self.metres, west, north)
 
     def zoom_steps(self, steps: int) -> MapCamera:
         """Return the camera zoomed by steps of `PIXEL_SIZES_M`; positive steps magnify."""
+        # A camera fitted to a box has a size between two steps.
         at = min(range(len(PIXEL_SIZES_M)), key=lambda k: abs(PIXEL_SIZES_M[k] - self.metres))
         return self._replace(metres=PIXEL_SIZES_M[max(0, min(len(PIXEL_SIZES_M) - 1, at - steps))])
 
@@ -124,6 +126,7 @@ class MapCamera(NamedTuple):
         """Return the camera itself while the position is well inside the picture, else the camera
         centred on the position."""
         column, row = self.make_grid(columns, rows).find_pixel(*place)
+        # Well inside means at least a quarter of the picture from each edge.
         inside = (FOLLOW_EDGE_SHARE * columns <= column < (1 - FOLLOW_EDGE_SHARE) * columns) and (
             FOLLOW_EDGE_SHARE * rows <= row < (1 - FOLLOW_EDGE_SHARE) * rows
         )

@@ -63,6 +63,7 @@ class Dialog(ModalScreen[Result], Generic[Result]):
     def on_resize(self, event: events.Resize) -> None:
         """Limit the body to the rows that title and buttons leave, so that both stay visible at any
         height."""
+        # A dialog without a body needs no limit.
         for box in self.query(".dialog-body"):
             around = sum(
                 one.outer_size.height + one.styles.margin.height
@@ -150,6 +151,7 @@ class NudgeDialog(Dialog[float | None]):
 
     def action_step(self, steps: int) -> None:
         """Change the nudge by steps of 5 %."""
+        # Steps add up, and one Enter confirms the sum.
         wanted = self.percent + steps * self.STEP_PERCENT
         self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
         self._is_number_started = False
@@ -206,6 +208,7 @@ class ChoiceDialog(Dialog[str | None]):
         super().__init__(title, text)
         self.choices = tuple(choices)
         self.now = now
+        # The value in force may be missing in the list.
         values = [choice.value for choice in self.choices]
         self.at = at if at is not None else values.index(now) if now in values else 0
         self._typed, self._typed_s, self._unknown_number = "", 0.0, ""

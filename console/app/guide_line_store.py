@@ -46,6 +46,7 @@ def make_line_record(guide: GuideLine) -> str:
     """Return a record of the present line; a removed line is recorded too."""
     return json.dumps(
         {
+            # JSON's null records a removed line.
             "guide": None
             if guide.a is None
             else {"a": guide.a, "b": guide.b, "width_m": guide.width_m}
@@ -67,6 +68,7 @@ def make_corner_record(corner: Corner, place: Place, time_s: float) -> str:
 
 def read_kept_lines(records: Iterable[str]) -> KeptLines:
     """Return the lines that result from records; damaged records are ignored."""
+    # Records are applied in the order of the file.
     kept = KeptLines(GuideLine())
     for record in records:
         try:
@@ -79,6 +81,7 @@ def read_kept_lines(records: Iterable[str]) -> KeptLines:
 def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
     """Apply one record to the lines. Raises ValueError, TypeError or KeyError for a damaged
     record."""
+    # The key of a record is its kind.
     if "guide" in said:
         line = said["guide"]
         guide = (
@@ -93,6 +96,7 @@ def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
         return kept._replace(guide=guide, changed=True)
     if "drive" in said:
         drive = said["drive"]
+        # The end of a drive also removes its way.
         if drive is None:
             return KeptLines(kept.guide, changed=kept.changed)
         return KeptLines(
@@ -110,6 +114,7 @@ def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
         _parse_place(said["place_m"]),
         float(said["time_s"]),
     )
+    # The drive itself checks the distance, so a repeated record is harmless.
     kept.drive.add_corner(corner)
     return kept._replace(way=(*kept.way, place), until_s=time_s)
 

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
 def hold_machine(app: TopdressApp) -> None:
     """Hold the machine, or pause a log that is replayed without a machine."""
     if app.source is None and app.replay_page.job is not None:
+        # The most important key of the machine is the most natural key of a player.
         app.replay_page.player.toggle_playing()
         app.replay_page.refresh_all_next_tick()
     else:
@@ -63,12 +64,14 @@ def acknowledge_alarms(app: TopdressApp) -> None:
     frame = app.arrival.frame
     # Acknowledging by id excludes an alarm that the operator has not seen.
     for alarm in frame.alarms if frame else ():
+        # Amber alarms need no acknowledgement.
         if alarm.severity is Severity.RED and not alarm.acknowledged:
             app.give_order(Do.ACKNOWLEDGE, alarm.id)
 
 
 def show_help(app: TopdressApp) -> None:
     """Show the keys of this screen."""
+    # The same key pressed twice must not open two screens.
     if not isinstance(app.screen, HelpScreen):
         app.push_screen(HelpScreen(app.list_offered_actions(app.page.where)))
 
@@ -77,6 +80,7 @@ def show_alarm_list(app: TopdressApp) -> None:
     """Show the alarms of the run, or of the log that is replayed."""
     if isinstance(app.screen, AlarmList):
         return
+    # The list belongs to what the page shows.
     replayed = app.page.where == REPLAY and app.replay_page.job is not None
     records: tuple[AlarmRecord, ...] = (
         app.replay_page.list_alarm_records() if replayed else app.alarm_history.records
@@ -95,6 +99,7 @@ def toggle_lock(app: TopdressApp) -> None:
 
 def choose_next_theme(app: TopdressApp) -> None:
     """Switch to the next theme."""
+    # The theme changes for this session only; the settings keep their value.
     app.theme = themes.find_next_theme(app.theme)
     app.page.redraw_all()
 
@@ -107,6 +112,7 @@ def show_palette(app: TopdressApp) -> None:
 def begin_tour(app: TopdressApp) -> None:
     """Begin the guided tour, which runs on the simulated machine only."""
     frame = app.arrival.frame
+    # The tour starts and stops the machine, so it must never run on a real one.
     if frame is None or not frame.simulated or app.gone:
         app.show_notice(
             _("the tour needs the simulated machine: topdress run without a configuration")
@@ -133,6 +139,7 @@ def choose_next_units(app: TopdressApp) -> None:
     """Switch to the next system of units, after a question while the machine works."""
 
     def change_units() -> None:
+        # The dict's order is the order of switching.
         names = list(UNITS)
         app.units = UNITS[names[(names.index(app.units.id) + 1) % len(names)]]
         app.show_changes()
@@ -144,6 +151,7 @@ def choose_next_language(app: TopdressApp) -> None:
     """Switch to the next language, after a question while the machine works."""
 
     def change_language() -> None:
+        # Languages are folders of the catalogue, so a new one needs no change here.
         codes = list_languages()
         use_language(codes[(codes.index(find_language_code()) + 1) % len(codes)])
         app.page.redraw_all()
@@ -166,6 +174,7 @@ def _ask_while_working(app: TopdressApp, question: str, change: Callable[[], Non
 def ask_for_page(app: TopdressApp) -> None:
     """Ask which page to open."""
     choices = [
+        # The id of the action contains the name of its page.
         Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})")
         for one in app.page_actions
     ]
@@ -189,6 +198,7 @@ def show_jump_letters(app: TopdressApp) -> None:
     """Show letters over everything clickable on the screen, also in a dialog."""
     if isinstance(app.screen, JumpScreen):
         return
+    # The positions are those of the visible screen, so they are found before the letters cover it.
     places = find_click_places(app.screen)
     app.ask_question(
         JumpScreen(places, make_jump_labels(len(places), choose_label_letters(app.bound_keys))),
@@ -206,6 +216,7 @@ def ask_to_undo(app: TopdressApp) -> None:
         app.undo.pop_newest()
         change.back()
 
+    # Undoing an order may change the dose, which the question must show.
     dose = predict_dose_change(app.arrival.frame, change.orders)
     said = _("It goes back to: {what}").format(what=change.what)
     app.ask_yes_no(
@@ -220,10 +231,13 @@ def copy_screen_text(app: TopdressApp) -> None:
     over ssh."""
     frame, screen = app.arrival.frame, app.screen
     text = (
+        # A selection is more specific than the text of a dialog, and a dialog more than the log's
+        # path.
         screen.get_selected_text()
         or getattr(screen, "text", "")
         or ("" if frame is None else frame.log_path)
     )
+    # An empty clipboard would only erase what it contains.
     if text:
         app.copy_to_clipboard(text)
         app.show_notice(_("copied: {text}").format(text=text.splitlines()[0]))
@@ -288,6 +302,7 @@ ACTIONS = (
             "" if app.list_menu() else _("this page has no menu: all its keys are in F1")
         ),
     ),
+    # Help, pages and themes change nothing on the machine, so they work while the keys are locked.
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
     Action(
         "run_screen",
@@ -453,6 +468,7 @@ ACTIONS = (
         locked=True,
     ),
     Action(
+        # The keys of the tour are Ctrl combinations, because its steps use the plain letters.
         "tour",
         "ctrl+t",
         "^T",
@@ -478,6 +494,8 @@ ACTIONS = (
         end_tour,
         why=explain_no_tour,
     ),
+    # Units and language are asked while working: every number on the screen would change its
+    # meaning.
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), choose_next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), choose_next_language),
     Action(

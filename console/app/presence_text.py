@@ -45,6 +45,7 @@ def make_presence_view(frame: Frame | None, own: str, utc_offset_s: float) -> Pr
     if frame is None:
         return None
     rest = list_others(frame, own)
+    # The frame lists the latest orders, oldest first.
     latest = frame.ordered[-1] if frame.ordered else None
     if not rest and (latest is None or latest.name == own):
         return None
@@ -64,6 +65,7 @@ def format_short_name(one: Attached) -> str:
 def describe_kind(one: Attached) -> str:
     """Return kind and rights of a console, and whether it keeps the machine working."""
     kind = _("tablet") if one.tablet else _("console")
+    # The rights matter more than the kind of device.
     if not one.orders:
         return _("{kind}, looks only").format(kind=kind)
     if one.keeps:
@@ -89,6 +91,7 @@ def describe_given_order(one: Ordered, frame: Frame, own: str, utc_offset_s: flo
 
 def describe_presence_changes(before: Frame, now: Frame, own: str) -> str:
     """Return what other consoles did between two frames, in one line; "" for nothing."""
+    # Names identify consoles; the worker makes them unique.
     was, here = ({one.name: one for one in list_others(frame, own)} for frame in (before, now))
     lines = [
         _("{name} has joined ({kind})").format(name=one.name, kind=describe_kind(one))
@@ -103,8 +106,10 @@ def describe_presence_changes(before: Frame, now: Frame, own: str) -> str:
     lines += [
         _("{name} is silent").format(name=name) + _describe_consequence(was[name], now)
         for name, one in here.items()
+        # A console that falls silent is still connected but no longer alive.
         if name in was and was[name].keeps and not one.keeps
     ]
+    # An order that was in the former frame is no news.
     known = set(before.ordered)
     lines += [
         _("{name}: {order}").format(name=one.name, order=format_order(one.do, one.value, METRIC))
@@ -118,6 +123,7 @@ def _describe_consequence(one: Attached, now: Frame) -> str:
     """Return the consequence of a lost console for a working machine."""
     if not one.keeps or now.row.state != State.WORKING:
         return ""
+    # Another living console keeps the machine working.
     keep = [other.name for other in now.attached if other.keeps and other.name != one.name]
     if keep:
         return _(": the machine goes on, {names} keeps it working").format(names=", ".join(keep))
@@ -144,6 +150,7 @@ def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
             names=", ".join(keep)
         )
     text = _("The machine works: it is held after 2 s without console.")
+    # View-only consoles stay attached but do not keep the machine working.
     stay = ", ".join(map(format_short_name, rest))
     return (
         f"{text} {_('None of those that stay keeps it working: {names}.').format(names=stay)}"

@@ -11,6 +11,7 @@ from topdress.control.orders import Answer, Order
 
 # Limits of the speed, as a multiple of real time.
 MIN_PLAY_SPEED, MAX_PLAY_SPEED = 0.1, 1000.0
+# Steps of about a factor of 2.
 PLAY_SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
@@ -43,6 +44,7 @@ class ReplaySource:
     def _take_frames(self, frames: Sequence[Frame]) -> None:
         """Adopt frames and their times."""
         self.frames = tuple(frames)
+        # Sorted times allow a binary search.
         self._times = [frame.row.time_s for frame in self.frames]
         self.start_s, self.end_s = self._times[0], self._times[-1]
 
@@ -90,6 +92,7 @@ class ReplaySource:
 
     def start_playing(self) -> None:
         """Start playing; from the start of the log if its end was reached."""
+        # Playing at the end would stand still.
         if self.is_at_end:
             self._log_s = self.start_s
         self._since_s = self._clock()
@@ -134,6 +137,7 @@ class ReplaySource:
         """Seek the next frame with an alarm that the frame before lacks, and return True; return
         False without such a frame."""
         for index in range(self.frame_index + 1, len(self.frames)):
+            # A standing alarm is no new event.
             before = {alarm.id for alarm in self.frames[index - 1].alarms}
             if any(alarm.id not in before for alarm in self.frames[index].alarms):
                 self.playing = False

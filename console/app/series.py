@@ -95,6 +95,7 @@ class _BucketLevel:
 
     def __init__(self, width_s: float, kept: int) -> None:
         self.width_s, self.kept = width_s, kept
+        # No bucket has the number -1, so the first row begins one.
         self.size, self.number = 0, -1
         # Twice the kept buckets: moving memory once per `kept` buckets is cheaper than a ring whose
         # reads need two parts.
@@ -133,8 +134,10 @@ class _BucketLevel:
     def find_stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
         """Return a channel's buckets between two times."""
         times = self.time_s[: self.size]
+        # A bucket that began before the span may reach into it.
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
+        # Copies, because the live arrays change with the next row.
         total, count = self.totals[begin:end, :, column].T.copy()
         low, high = self.extremes[begin:end, :, column].T.copy()
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -180,6 +183,7 @@ class SeriesPyramid:
     def add_frame(self, frame: Frame) -> None:
         """Add a row; rows arrive in order of time."""
         values = np.array(list_values(frame.row))
+        # Unknown values are NaN and count as absent.
         known = np.isfinite(values)
         time_s = frame.row.time_s
         row = _ChannelRow(
@@ -194,6 +198,7 @@ class SeriesPyramid:
     def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         """Return a stretch from the coarsest level that has enough buckets and reaches far enough
         back; else from the finest level that reaches far enough."""
+        # A span from before the run is shown from the start of the run.
         started = self._started_s or 0.0
         reach = [
             level for level in self._levels if level.first_time_s <= max(from_s, started)
@@ -220,6 +225,7 @@ class LogSeries:
 
     def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         """Return a stretch of the log in buckets of equal width."""
+        # Only plotted channels are extracted: a log has many.
         values = self._values.get(channel)
         if values is None:
             values = self._values[channel] = np.array(
@@ -239,6 +245,7 @@ def _gather_buckets(times: Floats, values: Floats, from_s: float, width_s: float
     if not len(times):
         return TrendStretch(*(np.zeros(0),) * 5)
     number = np.floor((times - from_s) / max(width_s, 1e-9) + 1e-6)
+    # A bucket begins where the number changes.
     begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1.0))
     known = np.isfinite(values)
     count = np.add.reduceat(known.astype(np.float64), begins)

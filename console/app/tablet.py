@@ -187,6 +187,7 @@ class TabletApp(TopdressApp):
         self.key = key
         self._link_to = link_to
         super().__init__(source, attach=self._attach_tab, **options)
+        # Style sheets make keys larger for fingers.
         self.add_class("-touch")
 
     async def _attach_tab(self) -> FrameSource:
@@ -229,6 +230,7 @@ class TabletApp(TopdressApp):
     def is_allowed(self, action: Action) -> bool:
         """Return whether a view-only tab may perform this action."""
         if action.where == ANYWHERE:
+            # Opening a page is an action of every screen.
             page = action.id.removesuffix("_screen")
             return (
                 page not in WRITING_PAGES if page in self.pages else action.id in VIEW_ONLY_ACTIONS

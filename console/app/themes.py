@@ -33,6 +33,7 @@ def _make_own_theme(
 ) -> Theme:
     """Return a Textual theme with the variables that the style sheets use. Pairs are (background,
     text)."""
+    # Variables of the style sheets that Textual's themes do not have.
     variables = {
         "stale": stale,
         "muted": muted,
@@ -54,6 +55,7 @@ def _make_own_theme(
         "block-cursor-background": select[0],
         "input-cursor-text-style": "none",
     }
+    # Each state has a pair of colours for its word in the status line.
     for state, (back, fore) in states.items():
         variables |= {f"state-{state}": back, f"on-state-{state}": fore}
     return Theme(
@@ -69,7 +71,9 @@ def _make_own_theme(
         warning=amber[0],
         error=red[0],
         success=target,
+        # Textual brightens nested containers by default, which would change the tested contrasts.
         boost=surface,
+        # Transparent text would lose contrast in sunlight.
         text_alpha=1.0,
         variables=variables,
     )
@@ -159,6 +163,7 @@ CONTRAST_THEME = _make_own_theme(
     select=("#ffff00", "#000000"),
 )
 
+# The order is that of the key that switches themes.
 THEMES = (DAY_THEME, NIGHT_THEME, CONTRAST_THEME)
 THEME_NAMES = tuple(theme.name for theme in THEMES)
 

@@ -105,6 +105,7 @@ def find_ordered_source(frame: Frame | None) -> str:
     in its row only, where the index map replaces the canopy heads."""
     if frame is None:
         return ""
+    # The ordered source differs from the active one while its sensors are silent.
     now = frame.ordered_source or frame.row.target_source or ""
     return TargetSource.CANOPY.value if now == TargetSource.INDEX_MAP else now
 
@@ -116,6 +117,7 @@ def _make_known_order(do: Do, value: str | float | bool | None) -> tuple[Order, 
 
 def _reverse_section_order(frame: Frame, order: Order) -> tuple[Order, ...]:
     """Return the orders that restore the state of the named sections."""
+    # The value has the form "3 off" or "all auto".
     number = str(order.value).partition(" ")[0]
     return tuple(
         Order(Do.SECTION, f"{k} {'off' if one.why == 'hand' else 'auto'}")
@@ -126,6 +128,7 @@ def _reverse_section_order(frame: Frame, order: Order) -> tuple[Order, ...]:
 
 def _reverse_strip_order(frame: Frame, order: Order) -> tuple[Order, ...]:
     """Return the order that restores the former value of a strip."""
+    # The frame before has the former value of both strips.
     strip = parse_strip(order.value)
     return (
         ()

@@ -19,6 +19,7 @@ STATE_NAMES = {
     "calibrating": N_("CALIBRATING"),
     "fault": N_("FAULT"),
 }
+# Each state has a sign besides its colour, for terminals with few colours.
 STATE_SYMBOLS = {
     "off": "▯",
     "ready": "▹",
@@ -30,6 +31,7 @@ STATE_SYMBOLS = {
 
 # The words are those of the ids, such as `opening first`.
 STRATEGY_NAMES = {one.value: one.value.replace("_", " ") for one in Strategy}
+# The fallback rate is in capitals, because it means that the wanted source is missing.
 SOURCE_NAMES = {
     "canopy": N_("from canopy"),
     "map": N_("from map"),
@@ -89,6 +91,7 @@ NOTE_NAMES = {
     "zero_manual": N_("the manual rate is 0"),
     "zero_fallback": N_("the fallback rate is 0"),
 }
+# Capitals, because an allowance weakens an interlock and must stay visible.
 ALLOWANCE_NAMES = {
     "reverse": N_("REVERSE OK"),
     "outside": N_("OUTSIDE OK"),
@@ -169,6 +172,7 @@ def describe_alarm(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
     kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
+    # Details are pairs of name and value, as on the wire.
     details = dict(alarm.details)
     return AlarmWords(
         _fill_values(kind.text, details, units),
@@ -189,6 +193,7 @@ def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
     """
     if not why:
         return _("not accepted")
+    # The id precedes the details.
     name, _mark, _rest = why.partition(";")
     if name not in ANSWER_TEXTS:
         return why
@@ -197,6 +202,7 @@ def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
     except ValueError:
         details = {}
     shown: dict[str, str | float] = dict(details)
+    # A refusal may be caused by an alarm, whose text is inserted.
     if "alarm" in details:
         named = next(
             (one for one in alarms if one.id == details["alarm"]),
@@ -244,6 +250,7 @@ class _KnownValues(dict[str, "str | float"]):
 
 def _list_measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
     """Return the ending of a detail's name, its internal unit, and its displayed unit."""
+    # Masses in alarms need a decimal: a flow of 0.4 kg matters.
     kilograms = units.mass._replace(decimals=1)
     return (
         ("_mps", "m/s", units.speed),

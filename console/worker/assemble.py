@@ -137,15 +137,19 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
             f"and {cab.path} names a real one"
         )
     machine, sha256 = setup.machine, dict(setup.sha256)
+    # The bench is real or simulated; the loop is the same for both.
     bench: Bench
     has_work_switch = record_only = False
     simulated = _is_simulated_cab(cab)
+    # A simulated machine without a field would drive without a boundary or map.
     job = add_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
+        # The checksums in the log's metadata identify every file of the run.
         sha256[str(cab.path)] = cab.sha256
     # The earlier job is read before the loop is built, because it may change the job's values.
     before = find_earlier_job(options.resume, log.parent, job, sha256, simulated, now)
     if before.job is not None:
+        # The snapshot is some seconds older than the log's last row.
         left = add_log_tail(
             before.job, machine, setup.crop.product_n_fraction, _find_drive_stop_s(cab)
         )
@@ -164,6 +168,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
             cab.model.record_only,
         )
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
+            # A rate module without a gate drive meters by the shaft alone.
             machine = fix_gate_opening(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
     now_utc = now.isoformat(timespec="milliseconds")
@@ -183,6 +188,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         seed=options.seed if cab is None else None,
         sha256=sha256,
         started_utc=now_utc,
+        # The diagnosis finds the job's files by its folder.
         extra={"job_folder": str(setup.folder)}
         | ({"effects": list(options.effects)} if options.effects else {})
         | ({} if before.job is None else {"resumes": before.job.log_path}),
@@ -246,6 +252,7 @@ def _read_configuration(
             day_clock.read_today(),
             lambda job: list_logs_here(logs, job, _is_simulated_cab(cab), now),
         )
+        # Disagreements are collected, so that the user sees all of them at once.
         lines = find_index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
             named = (
@@ -267,6 +274,7 @@ def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
     if cab is None:
         return None
     assert isinstance(cab.model, CabConfig)
+    # A rate module has a watchdog of its own duration.
     return MODULE_TIMEOUT_S if cab.model.rate_module is not None else BOARD_STOP_TIMEOUT_S
 
 
@@ -308,8 +316,10 @@ def _make_simulated_bench(
     options: Options, machine: Machine, job: Job, clock: Clock
 ) -> SimulatedBench:
     """Build the simulated machine with its planted effects and virtual boards."""
+    # Known effects make a log whose diagnosis can be checked.
     planted = [parse_planted(text) for text in options.effects]
     plant = make_plant(machine, job, options.seed, min(MAX_PLANT_STEP_S, 1.0 / options.hz), planted)
+    # The virtual board has the limits of the machine file, as a well configured real board would.
     board = BoardConfig(
         port="",
         max_shaft_rpm=machine.limits.shaft_high_rpm,

@@ -60,6 +60,7 @@ class DeviceService:
             State of the loop at the newest tick.
         """
         name = order.device
+        # The client names a device as the frame does.
         line = self._bench.find_device_line(name)
         if line is None:
             # A refusal separates its details by semicolons, so the name must contain none.
@@ -69,6 +70,7 @@ class DeviceService:
         if order.do in (DeviceDo.CONNECT, DeviceDo.DISCONNECT):
             line.set_plugged(order.do is DeviceDo.CONNECT)
             return Answer(True)
+        # A test takes its time; its result comes with the frames.
         if order.do is DeviceDo.TEST:
             return self._begin_device_test(line, now_s)
         return (
@@ -79,6 +81,7 @@ class DeviceService:
 
     def end_due_work(self, now_s: float, state: str | None) -> None:
         """End tests that have listened long enough, and captures that are full."""
+        # Tests end by time, captures by size.
         for test in self._tests.values():
             test.end_listening(now_s, state in DEVICE_BUSY_STATES)
         for name in [
@@ -107,6 +110,7 @@ class DeviceService:
 
     def _begin_capture(self, line: DeviceLine) -> Answer:
         """Begin a capture in a file next to the log, unless one is in progress."""
+        # Files of a run lie next to its log.
         if self._stem is None:
             return Answer(False, "no_log")
         if line.name not in self._captures:
@@ -118,6 +122,7 @@ class DeviceService:
 
     def _finish_capture(self, name: str) -> Answer:
         """End a capture."""
+        # Ending a capture that does not exist is no error: two consoles may press the key.
         found = self._captures.pop(name, None)
         if found is not None:
             found.stop_listening()
@@ -131,10 +136,12 @@ class _LineCapture:
         self.path = path
         self.size = 0
         self._line, self._files = line, files
+        # The header tells a reader which protocol the bytes have.
         status = line.make_status(0.0)
         files.queue_append(
             path, capture.make_capture_header(line.name, status.protocol, status.port)
         )
+        # A tap sees the bytes of both directions without delaying them.
         line.add_tap(self._write_captured)
 
     def stop_listening(self) -> None:
@@ -171,6 +178,7 @@ class _LineTest:
         self._listening = False
         self._line.remove_tap(self._collect_bytes)
         threading.Thread(
+            # A daemon thread does not prevent the end of the worker.
             target=self._recognise_bytes,
             args=(not busy and self._line.baud is not None,),
             name=f"test of {self._line.name}",
@@ -188,6 +196,7 @@ class _LineTest:
         if not found.protocol and other_rates:
             found = self._probe_other_rates()
         if not found.protocol and not found.detail:
+            # Without a protocol the last error or line is the only hint.
             state = self._line.port.state()
             found = found._replace(
                 detail=state.last_error or (state.format_last_lines() or ["silent"])[-1]
@@ -199,6 +208,7 @@ class _LineTest:
     def _probe_other_rates(self) -> probe.ProbeFinding:
         """Probe the port at other baud rates, with the device unplugged meanwhile."""
         line = self._line
+        # Two programs on one serial port would steal bytes from each other.
         line.port.plug(False)
         try:
             return probe.probe_port(

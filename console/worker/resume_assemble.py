@@ -89,11 +89,13 @@ def find_earlier_job(
         The named snapshot cannot be read.
     """
     here = find_jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
+    # The operator's explicit choice has priority over the search.
     goes_on = (
         next((one.snapshot for one in here if one.is_same_job), None)
         if named is None
         else resume.read_snapshot(named)
     )
+    # The metadata of the job's log contains the checksums of its files.
     written = None if goes_on is None else read_sidecar_meta(goes_on.log_path)
     same = written is None or written.sha256 == dict(sha256)
     return EarlierWork(
@@ -112,6 +114,7 @@ def find_job_to_continue(
 ) -> Job:
     """Return the job with the values that the operator measured and, for unchanged files, the
     operator's choices. The simulated tractor stands where it stopped."""
+    # Changed files are a new intention of the operator, so former choices are dropped.
     update: dict[str, object] = (
         {}
         if not same_files
@@ -130,6 +133,7 @@ def find_job_to_continue(
     }
     simulated: dict[str, float] = {}
     if before.simulated:
+        # The simulated tractor continues where it stopped; a real one stands wherever it is.
         place_m = find_last_place(
             TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before
         )
@@ -146,6 +150,7 @@ def continue_loop(loop: ControlLoop, before: EarlierWork) -> None:
     """
     last = before.job
     if last is not None:
+        # The loop must use the job's plane, in which its ground is stored.
         plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
         loop.resume_job(last.sums, last.ground, plane, last.after_cut_kg)
     for other in before.others:
@@ -164,6 +169,7 @@ def make_first_snapshot(
     job, machine, crop = names
     # Absolute paths, because the next start may have another working directory.
     config = tuple(os.path.abspath(one) if os.path.exists(one) else one for one in options.config)
+    # A resumed job keeps its totals, refills and alarms.
     start = before or Snapshot(str(log), began_utc=now_utc)
     earlier = () if before is None else (*before.logs_before, before.log_path)
     return replace(
@@ -187,6 +193,7 @@ def make_first_snapshot(
 
 def _find_driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:
     """Return how far along its way the simulated tractor had come, m."""
+    # The way is deterministic, so its position can be searched.
     path = make_field_path(
         job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
     )

@@ -42,6 +42,7 @@ class LogPage(Page):
 
     def toggle_log(self) -> None:
         """Switch between the machine and the replayed log."""
+        # The choice is per page, so that two pages can show different things.
         self.wants_log = not self.wants_log
         self.numbers.make_due()
 
@@ -60,6 +61,7 @@ class LogPage(Page):
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().make_view(frame, age_s)
         live = self.app.arrival.frame
+        # The machine itself is shown.
         if self.find_replayed() is None and (frame is not None or live is None):
             return view
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
@@ -76,6 +78,7 @@ class LogPage(Page):
         """Return the marks of the status line, with the machine's state while the page shows
         something else."""
         live = self.app.arrival.frame
+        # The state of the machine must be visible on every page.
         other = live is not None and self.find_frame(self.app.clock())[0] is not live
         if live is None or not other:
             return super().list_status_marks()
@@ -91,7 +94,10 @@ class LogPage(Page):
             return self.app.history.list_recent_points()
         source = job.source
         return sample_points(
-            source.frames, source.find_first_index(source.at_s - TREND_SPAN_S), source.frame_index
+            # The trend of a log ends at the played position.
+            source.frames,
+            source.find_first_index(source.at_s - TREND_SPAN_S),
+            source.frame_index,
         )
 
     def find_series(self) -> TrendSeries:
@@ -109,6 +115,7 @@ class LogPage(Page):
         if job is None:
             return self.app.history.worked
         history = self.find_log_history()
+        # The rest follows with the next refresh.
         if not history.enter_up_to(job.source.frame_index):
             self.maps.make_due()
         return history.worked

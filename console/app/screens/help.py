@@ -54,12 +54,14 @@ class HelpScreen(ModalScreen[None]):
 
     def __init__(self, shown: tuple[Action, ...]) -> None:
         super().__init__()
+        # Only actions that the page offers are listed.
         self.shown = shown
 
     def compose(self) -> ComposeResult:
         """Yield the help."""
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
+            # The field has no focus at first, so that letters stay keys.
             yield Input(
                 "",
                 placeholder=_("/ searches"),
@@ -100,6 +102,7 @@ class HelpScreen(ModalScreen[None]):
 
     def _format_key_lines(self, wanted: str = "") -> Content:
         """Return the lines that contain every wanted word in key, name or description."""
+        # Words may be typed in any order.
         words = wanted.lower().split()
         shown = [
             action
@@ -109,6 +112,7 @@ class HelpScreen(ModalScreen[None]):
                 for word in words
             )
         ]
+        # An empty list would look like a fault.
         if not shown:
             return Content(_("no key does this on this page"))
         # The width of all actions, so that columns do not jump during a search.

@@ -32,12 +32,14 @@ def choose_label_letters(bound: Mapping[str, Set[str]]) -> str:
     bound
         Keys with an action, by page.
     """
+    # Letters of pages that only change the view may be used.
     taken = frozenset[str]().union(*(bound[where] for where in MACHINE_PAGES))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
 
 def make_jump_labels(count: int, of: str) -> tuple[str, ...]:
     """Return up to `count` labels of equal length, so that no label begins another."""
+    # A keymap may use every letter.
     if not of:
         return ()
     length = 1
@@ -70,6 +72,7 @@ def find_click_places(screen: Screen[object]) -> tuple[ClickPlace, ...]:
 def _iterate_clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]]:
     """Yield buttons, text fields, and the clickable cells of panels."""
     for widget in screen.query(Widget):
+        # Textual's own widgets are clickable as a whole.
         if isinstance(widget, Button | Input):
             yield widget, Offset(0, 0)
         elif isinstance(widget, Panel | Canvas):
@@ -84,6 +87,7 @@ def _is_on_top(screen: Screen[object], place: ClickPlace) -> bool:
 
 def click_place(place: ClickPlace) -> None:
     """Perform the action of a click at a position."""
+    # A button has no click handler of its own: pressing is its public function.
     if isinstance(place.widget, Button):
         place.widget.press()
     elif isinstance(place.widget, Input):

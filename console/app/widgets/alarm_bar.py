@@ -27,6 +27,7 @@ def _choose_styles(alarm: AlarmLine) -> tuple[str, str]:
     The whole row is coloured while somebody must act. After acknowledging only the word is coloured
     while the cause exists; without a cause the word is inverted.
     """
+    # The theme has a pair of colours for each severity.
     name = "red" if alarm.severity is Severity.RED else "amber"
     colour = f"$on-alarm-{name} on $alarm-{name}"
     if alarm.gone:
@@ -50,12 +51,14 @@ class AlarmBar(Panel[AlarmsView]):
                 Content.assemble((fit_text_width(f"   {row}", width), style))
                 for row in _wrap_calm(view, width)[:height]
             ]
+        # With fewer rows a fault is shown like any other alarm.
         if view.fault and height >= MIN_FAULT_ROWS:
             return self._draw_fault(view, width, height)
         return _draw_alarms(view.lines, width, height)
 
     def _draw_fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         """Return the fault with place, time and remedy step by step, and the other alarms below."""
+        # The alarm of the fault may have ended while others remain.
         alarm = next((one for one in view.lines if one.id == view.fault), view.lines[0])
         colour = "$on-alarm-red on $alarm-red"
 
@@ -69,6 +72,7 @@ class AlarmBar(Panel[AlarmsView]):
         steps = [alarm.todo] if alarm.todo else []
         if not alarm.acknowledged:
             steps.append(_("A: acknowledge the alarm."))
+        # Each step begins with its key, in the order in which the operator needs them.
         steps.append(_("R: make the machine ready; it stays in fault while the cause is there."))
         rows = [
             draw_band(""),
@@ -85,6 +89,7 @@ class AlarmBar(Panel[AlarmsView]):
             for index, text in enumerate(wrap_text(step, max(10, width - 8))):
                 lead: TextPart = (f"   {number}  " if not index else "      ", "bold $primary")
                 rows.append(make_line(lead, (text, "bold")))
+        # A fault must not hide a second alarm.
         others = tuple(one for one in view.lines if one is not alarm)
         room = height - len(rows)
         return rows[:height] + (
@@ -104,6 +109,7 @@ def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
     """Return the number of rows that show the worst alarm in full, and the count of the others."""
     if not view.lines:
         return len(_wrap_calm(view, width))
+    # The view is sorted, so the first alarm is the worst.
     first = view.lines[0]
     return len(_draw_full_alarm(first, width, todo)) + (len(view.lines) > 1)
 
@@ -114,6 +120,7 @@ def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
         return wrap_text(view.calm, max(10, width - 6))
     rows: list[str] = []
     for part in (view.calm, *view.about):
+        # A part starts a new row if it does not fit completely.
         if rows and cell_len(f"{rows[-1]}   {part}") <= width - 3:
             rows[-1] += f"   {part}"
         else:
@@ -124,6 +131,7 @@ def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
 def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
     """Return the worst alarm in full and the next alarms as far as whole rows have room; the
     remaining alarms are counted."""
+    # With a single row the remedy has no room.
     rows = _draw_full_alarm(alarms[0], width, height > 1)[: max(1, height)]
     for index, alarm in enumerate(alarms[1:], 1):
         left, room = len(alarms) - index, height - len(rows)
@@ -159,6 +167,7 @@ def _draw_one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
     word, style = _choose_styles(alarm)
     left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_format_with_place(alarm)} ", style)]
     rest = [(more, "bold reverse")] if more else []
+    # The text has priority over the time.
     spare = width - _count_cells(left + rest)
     if spare < 0:
         return None
@@ -170,6 +179,7 @@ def _draw_full_alarm(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
     """Return the full text of an alarm, then its remedy with the note about acknowledging at the
     end."""
     word, style = _choose_styles(alarm)
+    # The hint at the end is bold, whatever the style of the row.
     bold = style if style.startswith("bold") else f"bold {style}"
     first = _draw_one_row(alarm, width, "")
     rows = [first] if first is not None else []
@@ -187,6 +197,7 @@ def _draw_full_alarm(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
         return rows
     hint = f" {_format_acknowledging(alarm)} " if _format_acknowledging(alarm) else ""
     steps = wrap_text(alarm.todo, width - 4) if alarm.todo else []
+    # The last row is wrapped again if the hint would not fit behind it.
     if steps and cell_len(steps[-1]) + 3 + cell_len(hint) > width:
         steps = wrap_text(alarm.todo, width - 4 - cell_len(hint))
     for k, text in enumerate(steps or ([""] if hint else [])):

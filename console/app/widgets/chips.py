@@ -42,6 +42,7 @@ def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, i
     found, row, start = [], 0, 0
     for chip in chips:
         cells = cell_len(format_chip(chip))
+        # A chip wider than the row stays in the first column.
         if start and start + cells > width:
             row, start = row + 1, 0
         found.append((chip, row, start, cells))
@@ -103,6 +104,7 @@ class Chips(Panel[tuple[Chip, ...]]):
             return self._draw_large(view, width)
         rows: list[list[TextPart]] = [[] for _row in range(height)]
         for chip, row, _start, _cells in place_chips(view, width):
+            # Rows beyond the panel are not visible.
             if row < height:
                 rows[row] += [(format_chip(chip), _choose_chip_style(chip)), " "]
         return [make_line(*row) for row in rows]
@@ -120,6 +122,7 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     def find_chip(self, x: int, y: int) -> Chip | None:
         """Return the chip at a cell, or None."""
+        # All three rows of a large chip are clickable.
         y = 0 if self._is_tall(self.content_size.height) else y
         return next(
             (
@@ -159,6 +162,7 @@ class Chips(Panel[tuple[Chip, ...]]):
     def on_mouse_move(self, event: events.MouseMove) -> None:
         """End a held chip that the mouse leaves."""
         chip = self.find_chip(event.x, event.y)
+        # Leaving the chip releases it, as with a real push button.
         if self._held and (chip is None or chip.action != self._held):
             self._release_chip()
 

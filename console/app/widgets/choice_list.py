@@ -97,6 +97,7 @@ class ChoiceList(PickList[ChoicesView]):
         return len(self._make_rows(self.view, width)) + bool(self.view.wrong)
 
     def draw_rows(self, view: ChoicesView, width: int, height: int) -> list[Content]:
+        # The window moves with the mark, so no scrolling state is needed.
         rows, first, room = self._find_window(view, width, height)
         scrolls = room < len(rows)
         shown = []
@@ -126,6 +127,7 @@ class ChoiceList(PickList[ChoicesView]):
                     (bar[place], "$muted") if scrolls else "",
                 )
             )
+        # The reason replaces the count, because both need the last row.
         if view.wrong:
             said = _("no line {typed} here: 1 to {count}").format(
                 typed=view.wrong, count=len(view.choices)
@@ -149,10 +151,12 @@ class ChoiceList(PickList[ChoicesView]):
 
     def _make_rows(self, view: ChoicesView, width: int) -> list[_ChoiceRow]:
         """Return every row of the whole list."""
+        # Numbers are aligned right, so that labels begin in one column.
         digits = len(str(len(view.choices)))
         indent = 4 + digits
         blank: list[tuple[str, str]] = []
         if any(choice.picture is not None for choice in view.choices):
+            # Entries without a picture are indented like those with one.
             blank = [(" ", "")] * (THUMBNAIL_CELLS[0] + THUMBNAIL_GAP_CELLS)
         room = width - indent - len(blank) - 1
         found = []
@@ -160,6 +164,7 @@ class ChoiceList(PickList[ChoicesView]):
             now = f"  ({_('now')})" if choice.value == view.now else ""
             label = f"({choice.label}: {choice.why})" if choice.why else f"{choice.label}{now}"
             head = f"{'>' if index == view.at else ' '} {index + 1:>{digits}}  "
+            # Explicit line breaks of a label are kept.
             texts = [row for text in label.split("\n") for row in wrap_text(text, room)]
             for drawn, text in zip_longest(self._draw_thumb(choice.picture), texts):
                 found.append(
@@ -170,11 +175,13 @@ class ChoiceList(PickList[ChoicesView]):
                         text or "",
                     )
                 )
+                # Only the first row of an entry has its number.
                 head = " " * indent
         return found
 
     def _draw_thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
         """Return the rows of a field's picture, from the cache."""
+        # The colours of a picture depend on the theme.
         key = picture, self.app.theme
         if key not in self._thumbs:
             self._thumbs[key] = draw_small_map(self, picture, *THUMBNAIL_CELLS)

@@ -31,6 +31,7 @@ class FieldMap(Canvas[MapView]):
         # A segment is made once per code: most cells repeat.
         self._segments: dict[int, Segment] = {}
         self._ink_key: object = None
+        # Tests check by this count that unchanged rows are not drawn.
         self.rows_drawn = 0
 
     def make_grid(self) -> PixelGrid:
@@ -39,6 +40,7 @@ class FieldMap(Canvas[MapView]):
         return self.view.camera.make_grid(width, 2 * height)
 
     def _find_changed_rows(self) -> list[int]:
+        # Without strips the whole map is drawn.
         return self._update_strips(*self.content_size) if self._drawn else []
 
     def draw_rows(self, view: MapView, width: int, height: int) -> list[Strip]:
@@ -52,6 +54,7 @@ class FieldMap(Canvas[MapView]):
         self._update_ink()
         found = make_cell_codes(self.view, self.make_grid())
         old = self._codes
+        # Another size makes every row new.
         fresh = old is None or old.shape != found.shape or len(self._drawn) != height
         changed = (
             list(range(height))
@@ -79,6 +82,7 @@ class FieldMap(Canvas[MapView]):
 
     def _make_strip(self, row: npt.NDArray[np.int32], width: int) -> Strip:
         """Return a row as segments; equal neighbours share a segment."""
+        # Runs of equal codes become one segment.
         begins = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1, [width]))
         segments = []
         for begin, end in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
@@ -94,6 +98,7 @@ class FieldMap(Canvas[MapView]):
     def _update_ink(self) -> None:
         """Drop the cached segments when the colours have changed."""
         laid = self.view.laid.scale if self.view.laid is not None else None
+        # Everything on which colours depend; the numbers of the scale change the codes instead.
         wanted = (
             self.view.scale.layer,
             laid and laid.layer,

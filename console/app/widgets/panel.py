@@ -51,6 +51,7 @@ class DrawnWidget(Widget, Generic[View, Row]):
         self.view, self._language = view, find_language_code()
         self.redraws = 0
         self._drawn: Sequence[Row] = ()
+        # Rows are drawn for this size and theme; None means that nothing is drawn.
         self._drawn_for: object = None
 
     def show_view(self, view: View) -> None:
@@ -59,6 +60,7 @@ class DrawnWidget(Widget, Generic[View, Row]):
         if (view, find_language_code()) == (self.view, self._language):
             return
         self.view, self._language = view, find_language_code()
+        # Tests check by this count that unchanged values are not drawn.
         self.redraws += 1
         if self._drawn_for is None or self._drawn_for != self._make_cache_key():
             self.refresh()
@@ -69,6 +71,7 @@ class DrawnWidget(Widget, Generic[View, Row]):
         self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False
     ) -> Self:
         """Draw again; without regions all cached rows are dropped."""
+        # A refresh of regions keeps the other rows.
         if not regions:
             self._drawn_for = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
@@ -89,6 +92,7 @@ class DrawnWidget(Widget, Generic[View, Row]):
 
     def _find_changed_rows(self) -> list[int]:
         """Return the indices of the rows that the new view has changed."""
+        # The old rows are compared with the new ones before they are dropped.
         before, self._drawn_for = self._drawn, None
         return [
             row
@@ -162,6 +166,7 @@ def make_solid_parts(text: str, colour: str, off: str = "") -> list[TextPart]:
     colour, off
         Theme variables of blocks and gaps, e.g. "$target", "$track".
     """
+    # Gaps have a background of their own.
     back = f" on {off}" if off else ""
     return [
         (run, f"{colour} on {colour}" if run[0] == "█" else f"{colour}{back}")
@@ -192,6 +197,7 @@ def fit_text_width(text: str, width: int) -> str:
         return ""
     if cell_len(text) <= width:
         return set_cell_size(text, width)
+    # Two points would leave nothing of the text.
     if width <= 3:
         return set_cell_size(text, width)
     return set_cell_size(text, width - 2) + ".."
@@ -223,6 +229,7 @@ def spread_parts(left: list[TextPart], end: list[TextPart], width: int) -> Conte
     def count_part_cells(parts: list[TextPart]) -> int:
         return sum(cell_len(part if isinstance(part, str) else part[0]) for part in parts)
 
+    # The right end has priority: marks and times must stay visible.
     room = width - count_part_cells(end)
     kept: list[TextPart] = []
     for part in left:

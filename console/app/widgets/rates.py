@@ -41,6 +41,7 @@ class SmallPanel(Panel[SmallView]):
     def draw_rows(self, view: SmallView, width: int, height: int) -> list[Content]:
         """Return the rows. A page that does not fit is named at the top, with the size that would
         show it."""
+        # The name of the hidden page takes the first row, and the numbers the rest.
         if view.page:
             said = make_line((fit_text_width(f" {view.page}: {view.hint}", width), "bold reverse"))
             return [said, *self.draw_rows(view._replace(page="", hint=""), width, height - 1)]
@@ -53,6 +54,7 @@ class SmallPanel(Panel[SmallView]):
             )
         ]
         shown = (rates.target, "$target"), (rates.applied, "$applied")
+        # Large numerals need three rows; with fewer rows plain digits must do.
         if height >= 2 + ROWS_AT_SCALE[1]:
             scale = find_largest_scale((rates.target.text, rates.applied.text), half, height - 3)
             drawn = [
@@ -92,6 +94,7 @@ class SmallPanel(Panel[SmallView]):
                 for row in wrap_text(", ".join(rates.notes), width - 2)[:2]
             ]
         each = (width - 1) // 2
+        # Two tiles share a row.
         for left in range(0, len(view.tiles), 2):
             rows.append(
                 make_line(
@@ -127,12 +130,14 @@ class SeatRates(Panel[RatesView]):
     """Shows the rates in a strip of 4 rows, or in 12 rows where the height allows."""
 
     def draw_rows(self, view: RatesView, width: int, height: int) -> list[Content]:
+        # Stacked numerals can be twice as wide.
         stacked = height >= 2 * (1 + ROWS_AT_SCALE[2])
         each = width if stacked else width // 2
         scale = find_largest_scale(
             (view.target.text, view.applied.text), each, height // 2 - 1 if stacked else height - 1
         )
         error = f"  {view.error.text}" if view.error.text != "--" else ""
+        # A stale error must not alarm.
         loud = view.level and not view.error.stale
         level = f"bold $on-alarm-{view.level} on $alarm-{view.level}" if loud else "$muted"
         parts: list[list[list[TextPart]]] = []
@@ -182,6 +187,7 @@ class RatesPanel(Panel[RatesView]):
         nudge = f" {_('nudge')} {view.nudge} " if view.nudge else ""
         label = f" {_('target')} "
         used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
+        # The reason stands behind the label of the applied rate.
         room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
         note = f" {', '.join(view.notes)} " if view.notes else ""
         # A reason that does not fit next to the labels needs a row of its own.
@@ -214,6 +220,7 @@ class RatesPanel(Panel[RatesView]):
             )
             for a, b in zip(target, applied, strict=True)
         ]
+        # A free row separates numerals and bar, or shows the reason.
         if height > ROWS_AT_SCALE[scale] + 2:
             rows.append(self._draw_note(view, width) if low else make_line(""))
             low = False
@@ -252,6 +259,7 @@ class RatesPanel(Panel[RatesView]):
         value = f"{_ERROR_LEVEL_MARKS[view.level]}{view.error.text:>6} "
         low, high = f"-{ERROR_BAR_SHARE:.0%} ", f" +{ERROR_BAR_SHARE:.0%}"
         room = width - sum(cell_len(part) for part in (label, " ", value, low, high))
+        # Both sides have the same length, so that zero is in the centre.
         arm = max(2, (room - 1) // 2)
         share = view.error_share or 0.0
         filled = min(arm, round(abs(share) * arm))

@@ -52,6 +52,7 @@ class TourBar(Panel[TourView | None]):
             return []
         (_skip_id, skip, start), (_end_id, end, _start) = place_tour_keys(width)
         style = "$background on $primary"
+        # The number of the step shows how long the tour still takes.
         lead = fit_text_width(f" {_('guided tour')} {view.number}/{view.of}", start)
         return [
             *(
@@ -76,6 +77,7 @@ class TourBar(Panel[TourView | None]):
         event.stop()
         action = (
             find_at_cell(place_tour_keys(self.content_size.width), event.x)
+            # Only the last row has keys.
             if event.y == self.content_size.height - 1
             else None
         )
@@ -97,6 +99,7 @@ class PageBar(Panel[PagesView]):
     def draw_rows(self, view: PagesView, width: int, height: int) -> list[Content]:
         parts: list[TextPart] = [
             (text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
+            # The open page is inverted.
             for name, text, _start in self._place_pages(width)
         ]
         return [make_line(*parts)]
@@ -141,6 +144,7 @@ def fit_status(view: StatusView, width: int) -> StatusView:
 
 def _count_status_cells(view: StatusView) -> int:
     """Return the cells of the row, including blanks between its parts."""
+    # Parts with a background need a blank on each side.
     chips = (view.lead, f"{view.symbol} {view.word}", view.silent, *view.marks)
     time = "  ".join(text for text in (view.elapsed, view.clock) if text)
     return (
@@ -160,6 +164,7 @@ class StatusLine(Panel[StatusView]):
         left: list[TextPart] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
         chip = (
             f"bold $on-state-{state} on $state-{state}"
+            # Without values the state is grey: it may have changed.
             if not view.silent
             else "bold $background on $stale"
         )

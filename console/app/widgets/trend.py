@@ -78,6 +78,7 @@ class Trend(Canvas[TrendView]):
         """Report where the plot was clicked."""
         event.stop()
         columns = count_plot_columns(self.content_size.width)
+        # The first row is the title.
         if event.y == 0:
             self.post_message(self.Left())
         elif _AXIS_LABEL_CELLS <= event.x < _AXIS_LABEL_CELLS + columns:
@@ -87,18 +88,21 @@ class Trend(Canvas[TrendView]):
 
     def draw_rows(self, view: TrendView, width: int, height: int) -> list[Strip]:
         plot_rows, plot_columns = height - 2, count_plot_columns(width)
+        # A smaller plot shows nothing readable.
         if plot_rows < 2 or plot_columns < 10:
             return []
         muted, plain = self.find_style("trend--muted"), self.rich_style
         target_style = self.find_style("trend--stale" if view.stale else "trend--target")
         applied_style = self.find_style("trend--stale" if view.stale else "trend--applied")
         band_style = self.find_style("trend--stale-band" if view.stale else "trend--band")
+        # The target is a filled band and the applied rate a line above it.
         on_band = target_style + Style(bgcolor=band_style.bgcolor)
         unit = view.unit
         # Round ends that change rarely keep the curves calm while new values arrive.
         low, high = round_calm_ends(
             v * unit.per_si for p in view.points for v in p[1:] if v is not None
         )
+        # The right edge is the newest point, not the clock: a stale trend stands still.
         now_s = view.points[-1].time_s if view.points else 0.0
 
         def make_plot_line(of: int) -> list[tuple[float, float | None]]:
@@ -106,6 +110,7 @@ class Trend(Canvas[TrendView]):
                 (
                     1 - (now_s - point.time_s) / view.span_s,
                     None
+                    # An unknown rate interrupts the curve.
                     if (rate := point[of]) is None
                     else (rate * unit.per_si - low) / (high - low),
                 )
@@ -116,6 +121,7 @@ class Trend(Canvas[TrendView]):
         applieds = trace_values(make_plot_line(2), plot_columns, plot_rows)
         read, cursor = view.read, None
         if read is not None:
+            # The cursor is a whole cell, as wide as the resolution of a click.
             cursor = round((1 - (now_s - read.time_s) / view.span_s) * (plot_columns - 1))
         at = (
             ()
@@ -135,6 +141,7 @@ class Trend(Canvas[TrendView]):
             )
         ]
         labels = {0: f"{high:.0f}", plot_rows - 1: f"{low:.0f}"}
+        # The middle label needs a row of distance to the others.
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
@@ -145,6 +152,7 @@ class Trend(Canvas[TrendView]):
                 self._iterate_cells(row, plot_columns, targets, applieds, on_band, applied_style)
             )
             if cursor is not None and 0 <= cursor < plot_columns:
+                # The cursor keeps the character of the curve below it.
                 cells[cursor] = Segment(
                     "│" if cells[cursor].text == " " else cells[cursor].text,
                     self.find_style("trend--cursor"),

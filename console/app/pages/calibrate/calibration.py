@@ -44,6 +44,7 @@ UNIT_NAMES = {
     "g/rev": N_("g per turn"),
     "s per r/min": N_("s per r/min"),
 }
+# Axes as `control.calibration` names them, in the words of the screen.
 AXIS_NAMES = {
     "opening mm": N_("opening, mm"),
     "shaft r/min": N_("shaft, r/min"),
@@ -154,6 +155,7 @@ class Calibration:
         """Return the result in words."""
         if self.fitted is None:
             return ()
+        # The estimates come with their intervals, so that a poor test is recognisable.
         rows = [format_estimate(one) for one in self.fitted.estimates]
         if self.fitted.scatter:
             rows.append(_("scatter {scatter}").format(scatter=self.fitted.scatter))
@@ -165,11 +167,13 @@ class Calibration:
             )
         if self.saved:
             rows.append(_("saved: {path}").format(path=shorten_path(self.saved)))
+            # The console may run without a job service, so the command line is named.
             rows.append(_("use it with: topdress run --config FILE"))
         return tuple(rows)
 
     def make_save_chip(self) -> Chip:
         """Return the key that saves the result."""
+        # A result is saved once.
         on = self.fitted is not None and not self.saved and not self.page.busy
         return Chip("cal_save", "E", _("save as new"), on, lead=on)
 
@@ -188,10 +192,12 @@ class HeldRun(Calibration):
         frame = seen.frame
         if frame is None:
             return _("No machine is connected.")
+        # An interlock can stop the shaft although the key is held.
         if seen.is_calibrating and frame.why_no_flow:
             return _("The shaft may not turn: {why}.").format(
                 why=", ".join(words.name_note(note) for note in frame.why_no_flow)
             )
+        # The alarm above explains the fault itself.
         if seen.state == "fault":
             return _("The machine is in FAULT: see the alarm above, then make it ready.")
         if seen.state == "ready" and frame.why_state == "calibration_time":
@@ -208,6 +214,7 @@ def shorten_path(path: str) -> str:
 def format_estimate(one: Estimate) -> str:
     """Return an estimate in the form `flow 5.51 (5.48 to 5.54) g per turn and mm`."""
     name, unit = _(ESTIMATE_NAMES[one.name]), _(UNIT_NAMES.get(one.unit, one.unit))
+    # A parameter that the test does not determine is named, instead of being omitted.
     if one.value is None or one.low is None or one.high is None:
         return _("{name}: not shown by this test").format(name=name)
     value, low, high = (f"{number:.{one.decimals}f}" for number in (one.value, one.low, one.high))

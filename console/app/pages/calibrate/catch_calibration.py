@@ -64,6 +64,7 @@ class CatchCalibration(HeldRun):
                 "cal_fit": lambda _seen: self._fit_flow_model(),
             },
         )
+        # Without a service, as in pictures, usual values replace the machine's working point.
         service = page.service
         self.test = CatchRun(
             service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0
@@ -73,6 +74,7 @@ class CatchCalibration(HeldRun):
         frame = seen.frame
         if frame is None:
             return
+        # Revolutions while working must not count as a catch.
         if frame.row.state not in BENCH_TEST_STATES:
             self.test.pause_counting()
         else:
@@ -100,6 +102,8 @@ class CatchCalibration(HeldRun):
             and not seen.is_calibrating
         ):
             return 4
+        # The steps follow the state of the machine, so that the guide is right after an
+        # interruption.
         if not seen.is_ready:
             return 0
         if test.phase == "settle":
@@ -107,6 +111,7 @@ class CatchCalibration(HeldRun):
         return 3 if test.can_weigh and not seen.is_calibrating else 2
 
     def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+        # The guide counts down the catches that are still needed.
         rest = max(0, MIN_CATCHES - len(self.test.points))
         return (
             GuideStep(
@@ -150,6 +155,7 @@ class CatchCalibration(HeldRun):
         old = seen.age_s > MAX_FRESH_AGE_S or row is None
         shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
         opening = "--" if row is None or row.opening_mm is None else f"{row.opening_mm:.1f}"
+        # One bar belongs to each phase.
         settling = test.phase == "settle"
         seconds, turns = test.shaft_turns.seconds, test.shaft_turns.revolutions
         settled = 1.0 if not settling else seconds / SETTLING_TIME_S
@@ -171,6 +177,7 @@ class CatchCalibration(HeldRun):
                 "lead" if not settling and seen.is_calibrating else "",
             ),
         ]
+        # The scale's loss is a hint only: its noise exceeds that of the vessel's scale.
         says = test.scale_loss_kg
         mass = self.page.app.units.mass._replace(decimals=1)
         bars.append(
@@ -181,6 +188,7 @@ class CatchCalibration(HeldRun):
                 else _("about {mass} less").format(mass=mass.format_with_name(says)),
             )
         )
+        # A catch is weighed to grams.
         kilograms = self.page.app.units.mass._replace(decimals=3)
         bars.append(
             CellsRow(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True)
@@ -312,6 +320,7 @@ class CatchCalibration(HeldRun):
                 if self.test.contradicts_scale(mass_kg)
                 else ""
             )
+        # The machine model catches a wrong decimal point where no scale exists.
         expected_kg = self.test.predict_kg(self.page.required_service.expected_kg)
         if expected_kg <= 0.0 or 1.0 / MAX_MODEL_RATIO <= mass_kg / expected_kg <= MAX_MODEL_RATIO:
             return ""

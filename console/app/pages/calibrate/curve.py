@@ -44,6 +44,7 @@ class CurveView(NamedTuple):
 
 def round_axis_ends(values: list[float], least: float) -> tuple[float, float]:
     """Return round ends that contain all values with a margin and differ by at least `least`."""
+    # Both ends are rounded outwards with a margin, so that no point touches the frame.
     low, high = min(values), max(values)
     if high - low < least:
         middle = 0.5 * (low + high)
@@ -88,6 +89,7 @@ class CurvePlot(Canvas[CurveView]):
             head = head[:-2]
         strips = [self.make_text_strip(width, *head)]
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
+        # Without points the axes have no scale.
         if not ys:
             blank = self.make_text_strip(
                 width,
@@ -116,6 +118,7 @@ class CurvePlot(Canvas[CurveView]):
         }
         marks = {(x // 2, y // 4) for x, y in (find_dot(*one) for one in view.points)}
         labels = {0: _format_axis_number(up[1], up), rows - 1: _format_axis_number(up[0], up)}
+        # The middle label needs a row of distance to the others.
         if rows >= 5:
             labels[rows // 2] = _format_axis_number(
                 up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up
@@ -139,6 +142,7 @@ class CurvePlot(Canvas[CurveView]):
                 for column in range(columns)
             ]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
+        # The axis has numbers at its ends only.
         first, last = _format_axis_number(across[0], across), _format_axis_number(across[1], across)
         middle = fit_text_width(f" {view.x_name}", max(0, columns - len(first) - len(last)))
         strips.append(
@@ -153,6 +157,7 @@ def _connect_dots(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     """Return every dot on the straight lines between successive positions."""
     found = set(places)
     for (x0, y0), (x1, y1) in pairwise(places):
+        # The longer direction determines the number of dots, so that the line has no gap.
         steps = max(abs(x1 - x0), abs(y1 - y0), 1)
         found |= {
             (round(x0 + (x1 - x0) * k / steps), round(y0 + (y1 - y0) * k / steps))

@@ -30,6 +30,7 @@ class EffortCalibration(Calibration):
         super().__init__(page, {"cal_fit": self._fit_effort})
 
     def find_step(self, seen: FrameSeen) -> int:
+        # The machine works meanwhile, so there is nothing to follow step by step.
         return 0 if self.fitted is None else 1
 
     def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
@@ -61,6 +62,7 @@ class EffortCalibration(Calibration):
             *(
                 LineRow(_(word), "--" if value is None else f"{value:.3g}")
                 for word, value in (
+                    # Effort has the unit of the drive's own report, such as A or %.
                     (N_("effort of the shaft"), row.shaft_effort),
                     (N_("effort of the gate"), row.gate_effort),
                 )
@@ -68,6 +70,7 @@ class EffortCalibration(Calibration):
         )
 
     def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+        # The fit reads the log of the run, so a log must exist.
         on = seen.frame is not None and bool(seen.frame.log_path) and not self.page.busy
         return Chip(
             "cal_fit", "Q5", _("fit"), on, lead=on and self.fitted is None

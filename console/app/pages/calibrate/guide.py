@@ -77,6 +77,7 @@ class GuidePanel(Panel[GuideView]):
     def _draw_steps(steps: tuple[GuideStep, ...], now: int, width: int, room: int) -> list[Content]:
         """Return the titles of all steps, and the text of the step to do. Finished steps are
         dropped first where rows are scarce."""
+        # Only the step to do has its instruction: later ones would distract.
         texts = [
             wrap_text(step.text, width - 5) if index == now else []
             for index, step in enumerate(steps)
@@ -87,6 +88,7 @@ class GuidePanel(Panel[GuideView]):
             if index < now and spare < 0:
                 spare += 1
                 continue
+            # Signs distinguish the steps without colour.
             mark = "✔" if index < now else "▸" if index == now else " "
             rows.append(
                 make_line(

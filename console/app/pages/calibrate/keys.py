@@ -59,6 +59,7 @@ ACTIONS = set_page(
     ),
     # The same keys serve all calibrations: each calibration lists those that it uses as chips.
     Action(
+        # Numbers that a test needs are typed in dialogs, which stop a turning shaft first.
         "cal_shaft",
         "q_1",
         "Q1",
@@ -94,6 +95,7 @@ ACTIONS = set_page(
         asks="number",
     ),
     Action(
+        # A wrong mass is noticed at once, so the last point only can be removed.
         "cal_undo",
         "backspace",
         "Bksp",
@@ -111,6 +113,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # A bench table lets the lag be fitted without a rig on the machine.
         "cal_table",
         "j",
         "J",

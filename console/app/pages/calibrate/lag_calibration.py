@@ -34,6 +34,7 @@ OTHER_FILE = "other file"
 ENDED_PHASE = "ended"
 # Phases after which nothing more is measured.
 FINAL_PHASES = ("done", ENDED_PHASE)
+# Words for the phases of `control.calibration`.
 PHASE_WORDS = {
     "settling": N_("waiting until everything stands still"),
     "arming": N_("arming the rig"),
@@ -63,6 +64,7 @@ class LagCalibration(HeldRun):
 
     def take_frame(self, seen: FrameSeen) -> None:
         """Process a frame. Measured runs remain, also if the test ends before all are measured."""
+        # The worker sends the test in every frame while it exists.
         now = seen.frame.lag_test if seen.frame else None
         if now is not None:
             self.test = now
@@ -73,7 +75,9 @@ class LagCalibration(HeldRun):
     def has_rig(seen: FrameSeen) -> bool:
         """Return whether the machine has a lag rig."""
         return seen.frame is not None and any(
-            device.name == RIG_DEVICE for device in seen.frame.devices
+            # A rig in the cab file is a device like any other.
+            device.name == RIG_DEVICE
+            for device in seen.frame.devices
         )
 
     @property
@@ -90,8 +94,10 @@ class LagCalibration(HeldRun):
     def find_step(self, seen: FrameSeen) -> int:
         if self.fitted is not None or (self.table is not None and not self.is_measuring):
             return 3
+        # Before the first run the operator chooses between rig and table.
         if self.test is None:
             return 0
+        # A test that ended too early must begin again.
         if self.test.phase in FINAL_PHASES:
             return 3 if self.has_enough_runs else 0
         return 1 if not seen.is_ready else 2
@@ -126,6 +132,7 @@ class LagCalibration(HeldRun):
         )
 
     def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+        # A table needs no turning shaft, so nothing is explained then.
         return super().explain_standstill(seen, said) if self.is_measuring or said else ""
 
     def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
@@ -145,6 +152,7 @@ class LagCalibration(HeldRun):
                     f"{_('left out: {count}').format(count=test.left_out)}",
                 ),
             ]
+            # The rig reports why a run was left out.
             if test.said:
                 rows.append(LineRow(_("trouble"), test.said, "amber"))
             rows.append(CellsRow(("r/min", _("response s"), _("drop s"), _("lag s")), heading=True))
@@ -175,6 +183,7 @@ class LagCalibration(HeldRun):
 
     def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         step, rig = self.find_step(seen), self.has_rig(seen)
+        # A fit needs a table, or enough runs of a finished test.
         source = self.table is not None or (self.has_enough_runs and not self.is_measuring)
         return (
             Chip(
@@ -212,9 +221,11 @@ class LagCalibration(HeldRun):
 
     def _toggle_lag_test(self, seen: FrameSeen) -> None:
         """Begin the lag test on the rig, or end the test in progress."""
+        # The key is visible without a rig, so its notice explains what is missing.
         if not self.has_rig(seen):
             self.page.app.show_notice(_("no lag rig is in the cab file"))
             return
+        # One key begins and ends, like a stop watch.
         begin = not self.is_measuring
         self.page.app.run_worker(
             self.page.app.ask_source(lambda source: source.send_lag_test_order(begin)),
@@ -236,6 +247,7 @@ class LagCalibration(HeldRun):
         choices = [
             Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables
         ]
+        # A table may lie on a memory stick.
         choices.append(Choice(OTHER_FILE, _("another file: type its path")))
 
         def open_chosen(path: str) -> None:
@@ -258,6 +270,7 @@ class LagCalibration(HeldRun):
         """Adopt a table, and ask for its rows if it has several labels."""
         self.table, self.label = table, None
         self.forget_result()
+        # A table with labels contains several tests, which must not be mixed in one fit.
         if table.labels:
             self.page.ask_question(
                 ChoiceDialog(

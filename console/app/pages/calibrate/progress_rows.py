@@ -71,6 +71,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
     """Shows the rows."""
 
     def draw_rows(self, view: tuple[ProgressRow, ...], width: int, height: int) -> list[Content]:
+        # Labels and texts have the width of the longest, so that the bars align.
         labels = (
             max((cell_len(row.label) for row in view if not isinstance(row, CellsRow)), default=0)
             + 2
@@ -82,6 +83,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
             )
             + 2
         )
+        # Six cells are the shortest bar that shows anything.
         room = max(6, width - labels - texts - 2)
         return [
             line_
@@ -97,6 +99,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
         texts = wrap_text(row.text, width - labels - 1)
         return [
             cls._draw_row(LineRow("" if k else row.label, text, row.level), labels, room, width)
+            # Only the first row of a wrapped text has a label.
             for k, text in enumerate(texts)
         ]
 
@@ -104,6 +107,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
     def _draw_row(row: ProgressRow, labels: int, room: int, width: int) -> Content:
         """Return the line of a row."""
         if isinstance(row, CellsRow):
+            # Cells share the width equally.
             each = max(3, (width - 1) // max(1, len(row.cells)))
             style = "$muted" if row.heading else _LEVEL_STYLES[row.level]
             return make_line(
@@ -119,6 +123,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
             return make_line(
                 label, (fit_text_width(f" {row.text}", width - labels), _LEVEL_STYLES[row.level])
             )
+        # Alarm colours belong to the text; the bar itself stays calm.
         colour = "$stale" if row.level == "stale" else "$target"
         if isinstance(row, BarRow):
             full = round(max(0.0, min(1.0, row.share)) * room)
@@ -142,6 +147,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
 def _drop_oldest_cells(rows: tuple[ProgressRow, ...], height: int) -> list[ProgressRow]:
     """Return the rows that fit, without the oldest rows of the table; the table's heading and its
     newest rows remain."""
+    # Rows that do not fit.
     spare = len(rows) - height
     if spare <= 0:
         return list(rows)

@@ -118,8 +118,10 @@ class CalibrateService:
     set_shaft_rpm: float
     set_opening_mm: float
     wheel_circumference_m: float
+    # A catch cannot be heavier than the hopper.
     most_kg: float
     expected_kg: Callable[[float, float, float], float]
+    # The functions run in a thread and may take seconds.
     fit_catch: Callable[[Sequence[CatchPoint]], Calibrated]
     lag_tables: Callable[[], Sequence[LagTable]]
     open_lag_table: Callable[[str], LagTable]

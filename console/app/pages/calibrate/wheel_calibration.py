@@ -17,6 +17,7 @@ from topdress.console.locale import N_, _
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
+# Words for the faults of `WheelDrive`.
 TROUBLE_TEXTS = {
     "bent": N_("Not straight: drive again along a line."),
     "broken": N_("Wheel or GNSS fell silent: begin again."),
@@ -39,6 +40,7 @@ class WheelCalibration(Calibration):
         row = frame.row
         # A stale position would shorten the drive by GNSS but not by the wheel.
         old = seen.age_s > MAX_FRESH_AGE_S or (frame.gnss_age_s or 0.0) > MAX_FRESH_AGE_S
+        # Wheel and receiver must both be fresh, because the drive compares them.
         known = (
             bool(row.fix_quality)
             and not old
@@ -51,6 +53,7 @@ class WheelCalibration(Calibration):
                 row.lon_deg or 0.0,
                 row.fix_quality or 0,
                 row.wheel_speed_mps or 0.0,
+                # Under load a wheel slips, which the fit must know.
                 (row.shaft_rpm or 0.0) > MIN_TURNING_RPM,
             )
             if known
@@ -58,6 +61,7 @@ class WheelCalibration(Calibration):
         )
 
     def find_step(self, seen: FrameSeen) -> int:
+        # The steps follow the drive, not the machine: no shaft turns here.
         if self.run.running:
             return 1
         return 2 if self.fitted is not None else 0
@@ -115,8 +119,10 @@ class WheelCalibration(Calibration):
                 "amber" if drive.trouble == "bent" else "",
             ),
         ]
+        # A ratio of less than a metre is noise.
         if drive.wheel_m > 1.0:
             rows.append(LineRow(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
+        # Only an RTK fix makes 100 m accurate to a few centimetres.
         fix = seen.frame.row.fix_quality if seen.frame else None
         rows.append(LineRow(_("fix"), words.name_fix(fix), "" if fix in (4, 5) else "amber"))
         if self.page.service is not None:
@@ -145,6 +151,7 @@ class WheelCalibration(Calibration):
             self.forget_result()
             return
         self.run.stop_drive()
+        # The samples are copied, because the thread reads them while frames arrive.
         service, samples = self.page.service, tuple(self.run.samples)
         if self.run.is_long_enough and service is not None:
             self.page.compute_in_thread(lambda: service.fit_wheel(samples), self.take_result)

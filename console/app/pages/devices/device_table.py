@@ -66,6 +66,7 @@ class DeviceTable(PickList[TableView]):
                     )
                 )
             ]
+        # The column of names grows with the longest name.
         names = max(10, max(cell_len(one.name) for one in view.lines) + 1)
         states = max(cell_len(one.word) for one in view.lines) + 4
         heads = (
@@ -91,6 +92,7 @@ class DeviceTable(PickList[TableView]):
         plain = "$stale" if one.stale else ""
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
         name = "bold $on-select on $select" if picked else "bold"
+        # 34 cells are the four columns of numbers.
         used = names + 3 + states + 34
         # The details below show protocol and port of the picked device in full, so shortening is
         # harmless here.

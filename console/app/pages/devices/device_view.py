@@ -35,8 +35,10 @@ REJECTION_NAMES = {
 
 def describe_state(device: DeviceView) -> tuple[str, str, str]:
     """Return symbol, word and level of a device's state."""
+    # A device that an operator has disconnected is no fault.
     if not device.plugged:
         return "▯", _("DISCONNECTED"), "amber"
+    # Without a port no line can come.
     if not device.connected:
         return "✖", _("NO LINE"), "red"
     if device.age_s is None:
@@ -56,6 +58,7 @@ def format_age(age_s: float | None) -> str:
 def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
     """Return one row per device; all rows are grey while the frame is stale."""
     old = frame_age_s > MAX_FRESH_AGE_S
+    # One row per device, in the order of the cab file.
     lines = []
     for one in devices:
         symbol, word, level = describe_state(one)
@@ -91,6 +94,7 @@ def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tupl
 def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
     """Return the details of the picked device."""
     symbol, word, level = describe_state(device)
+    # The reasons of rejection tell a wrong cable from a wrong protocol.
     kinds = ", ".join(
         f"{_(REJECTION_NAMES.get(kind, kind))} {count}" for kind, count in device.rejected_kinds
     )
@@ -123,6 +127,7 @@ def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
 def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
     """Return the effort of the metering drive and the limits of its alarm; empty where no file has
     limits."""
+    # A machine file without a reference of effort has no unit.
     if not says.unit:
         return RowsView("", ())
     text, level = _("stands: not judged"), "stale"
@@ -133,6 +138,8 @@ def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
             min(EFFORT_BAR_CELLS - 1, round(one / full * EFFORT_BAR_CELLS))
             for one in (says.mean, says.should, says.low, says.high)
         ]
+        # The bar is the present effort; the marks are the expected value and the limits of the
+        # alarm.
         marks = ["█"] * cells[0] + ["░"] * (EFFORT_BAR_CELLS - cells[0])
         for at, mark in zip(cells[1:], "│┃┃", strict=True):
             marks[at] = mark

@@ -23,6 +23,7 @@ def toggle_capture(page: DevicesScreen) -> None:
 def toggle_plugged(page: DevicesScreen) -> None:
     """Connect the device, or disconnect it after a question."""
     device = page.picked_device
+    # Only disconnecting can interrupt work, so only disconnecting is asked.
     if device.plugged:
         page.app.ask_yes_no(
             _("Disconnect {device}?").format(device=device.name),
@@ -63,6 +64,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # A raw capture serves reports of protocol faults.
         "dev_capture",
         "e",
         "E",

@@ -60,6 +60,7 @@ class ChannelTable(Panel[ChannelsView]):
             ),
         ]
         for one in view.channels:
+            # The sign marks an error beyond noise without colour.
             name = f"{'!' if one.wrong else ' '} {one.name}, {one.unit}"
             rows.append(
                 make_line(
@@ -83,6 +84,7 @@ class ChannelTable(Panel[ChannelsView]):
     @staticmethod
     def _format_row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
         """Return a row of the table as text, in columns."""
+        # Numbers are aligned right, so that sizes can be compared.
         columns = "".join(align_text_right(text, 9) for text in (error, after, noise))
         last = align_text_right(beyond, 14)
         return fit_text_width(f" {fit_text_width(name, max(8, width - 43))} {columns}{last}", width)

@@ -41,6 +41,7 @@ def move_mark_down(page: DiagnosisScreen) -> None:
 
 def diagnose_chosen(page: DiagnosisScreen) -> None:
     """Diagnose the marked data."""
+    # The key stays visible without the packages, because its notice tells how to install them.
     if not page.installed:
         page.app.show_notice(_("not installed: Q8 installs the diagnosis"))
     elif page.shown is None and page.sources:
@@ -76,6 +77,7 @@ def ask_data_path(page: DiagnosisScreen) -> None:
         if path is not None:
             page.diagnose_source(service.find_source(path))
 
+    # Every kind of data has the same door: the service recognises the kind.
     what = _("A run log, a bench table, or the log of another machine")
     page.app.push_screen(NameDialog(_("Which file?"), "", what, find_fault), diagnose_typed)
 
@@ -101,6 +103,7 @@ def choose_machine(page: DiagnosisScreen) -> None:
 
 def show_next_view(page: DiagnosisScreen) -> None:
     """Switch to the next view."""
+    # The order of the views depends on the size of the screen.
     views = page.list_views()
     page.visible_view = (
         views[(views.index(page.visible_view) + 1) % len(views)]
@@ -140,6 +143,7 @@ def explain_no_drive(page: DiagnosisScreen) -> str:
 def ask_to_adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Ask which causes to adopt, then write the machine file."""
     if not found.adoptable:
+        # The reasons why nothing can be adopted are part of the result.
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
@@ -158,6 +162,7 @@ def _ask_next_cause(
 ) -> None:
     """Ask about one undecided cause after the other. None is adopted unless the operator picks it
     by name."""
+    # Every undecided cause was asked; the choice is complete.
     if not open_:
         _ask_for_reason(page, found, picked)
         return
@@ -169,6 +174,7 @@ def _ask_next_cause(
     from topdress.console.reports.numbers import format_percent
 
     cause, rest = open_[0], open_[1:]
+    # A rival has no estimated size, so a machine file cannot contain it.
     unsized = _("its size is not known before the separating run")
     choices = (
         Choice(NO_CAUSE_CHOICE, _("none of these: the next test is driven first")),
@@ -185,6 +191,7 @@ def _ask_next_cause(
                 page, found, rest, (*picked, value) if value != NO_CAUSE_CHOICE else picked
             )
 
+    # The question differs between a cause without rivals and causes that the data cannot separate.
     question = _("Undecided: this is only suspected. Is it adopted all the same?")
     if list_rivals(cause):
         question = _(
@@ -200,8 +207,10 @@ def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[s
     from topdress.console.app.pages.diagnosis.service import Adoption
 
     ids = merge_picked_ids(found, picked)
+    # Nothing was picked and nothing was decided.
     if not ids:
         page.app.show_notice(_("nothing is adopted: the next test decides"))
+    # Decided causes alone need no reason by the operator.
     elif not picked:
         _ask_to_write(page, found, Adoption(ids))
     else:
@@ -226,6 +235,7 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
     from topdress.console.app.pages.diagnosis.adoption import find_offer, list_undecided
     from topdress.console.reports.diagnosis_wording import find_cause_title
 
+    # The files were prepared with the diagnosis, so the changes can be shown before writing.
     offer = find_offer(found, chosen.ids)
     left = [find_cause_title(one) for one in list_undecided(found) if one.id not in chosen.ids]
     lines = [
@@ -239,8 +249,10 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
         else []
     )
     lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
+    # Causes may exclude each other only in combination.
     refused = offer.refused if offer is not None else ()
     lines += [_("Not adopted: {why}").format(why=why) for why in (*refused, *found.refused)]
+    # A refused combination has no file to write.
     if offer is not None and not offer.file:
         page.app.push_screen(TextDialog(_("Not adopted"), "\n".join(refused)))
         return
@@ -265,6 +277,7 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
 def undo_adoption(page: DiagnosisScreen) -> None:
     """Undo the last change of the machine file that was adopted here, else of the file in
     comparison."""
+    # The file that was written here last is the one an operator wants to correct.
     machine = page.adopted or page.machine
     page.app.read_for_page(
         partial(page.required_service.describe_last_change, machine),
@@ -274,6 +287,7 @@ def undo_adoption(page: DiagnosisScreen) -> None:
 
 def _ask_to_undo(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
     """Show the change that would be undone, and undo it after a yes."""
+    # A file without changes by a diagnosis has nothing to undo.
     if not lines:
         page.app.show_notice(_("no diagnosis changed this machine file: nothing to take back"))
         return
@@ -295,6 +309,7 @@ def compare_before_after(page: DiagnosisScreen) -> None:
     # The log of the diagnosis itself is excluded: on its own data every fit looks better.
     logs = [
         one
+        # The log that the worker still writes is incomplete.
         for one in page.sources or ()
         if one.kind == "run"
         and not one.working
@@ -319,6 +334,7 @@ def compare_before_after(page: DiagnosisScreen) -> None:
             kind = page.required_service.find_source(text).kind
         except ValueError as error:
             return str(error)
+        # Only a run log contains all channels that the comparison predicts.
         return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
 
     def compare_on(path: str | None) -> None:
@@ -364,6 +380,7 @@ def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Drive the separating run on a simulated machine, after a question."""
     from topdress.console.reports.diagnosis_wording import list_next_steps
 
+    # The operator must know that no real machine moves.
     text = _(
         "{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; "
         "the real one and "
@@ -387,6 +404,7 @@ def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
 @_needs_diagnosis
 def show_other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
     """Show the next of several diagnosed logs."""
+    # The marked cause belongs to the former log.
     page.which, page.cause = (page.which + 1) % len(page.found), 0
 
 
@@ -420,6 +438,7 @@ ACTIONS = (
         3,
     ),
     Action(
+        # The diagnosis needs 210 MB of packages, which the console itself does without.
         "dia_install",
         "q_8",
         "Q8",
@@ -429,6 +448,7 @@ ACTIONS = (
         DIAGNOSIS,
     ),
     Action(
+        # Files may have appeared since the list was read.
         "dia_pick",
         "j",
         "J",
@@ -468,6 +488,7 @@ ACTIONS = (
         5,
     ),
     Action(
+        # Adopting writes a new file and changes no machine, so it needs no connection.
         "dia_adopt",
         "q_1",
         "Q1",
@@ -481,6 +502,7 @@ ACTIONS = (
         why=explain_no_diagnosis,
     ),
     Action(
+        # Both keys delete on the keyboards of different systems.
         "dia_back",
         "delete,backspace",
         "Del",
@@ -535,6 +557,7 @@ ACTIONS = (
         why=explain_no_drive,
     ),
     Action(
+        # Only the simulated machine is driven: a real run needs a driver on the tractor.
         "dia_drive",
         "q_5",
         "Q5",

@@ -42,6 +42,7 @@ def make_verdict(view: DiagnosisView, lead: str) -> VerdictTexts:
 def make_causes_view(view: DiagnosisView, at: int, units: Units) -> CausesView:
     """Return the causes for their list."""
     found = view.found
+    # A verdict "none" must say what this kind of file can never show.
     unseen = sum(one.smallest_detectable.value is None for one in found.not_shown)
     none = _("None. {count} kinds of fault never show in a file of this kind.").format(count=unseen)
     return CausesView(
@@ -54,6 +55,7 @@ def make_causes_view(view: DiagnosisView, at: int, units: Units) -> CausesView:
 
 def _make_cause_line(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
     """Return one cause in words."""
+    # Causes that the data cannot separate have equal rank, so there are no rivals.
     tied = sentences.list_ties(cause)
     rivals = (
         ""
@@ -80,6 +82,7 @@ def find_interval_shares(size: Size) -> tuple[float, float, float] | None:
     interval."""
     if size.value is None or size.low is None or size.high is None:
         return None
+    # The largest of the three numbers fills the bar.
     most = max(abs(size.value), abs(size.low), abs(size.high))
     return (
         (round(size.low / most, 2), round(size.value / most, 2), round(size.high / most, 2))
@@ -137,6 +140,7 @@ def _describe_whole_drive(found: Diagnosis) -> tuple[str, ...]:
 def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
     """Return one channel in words."""
     # Share of the mean square error that exceeds the sensor's noise.
+    # Noise alone gives a share of zero.
     share = 0.0
     if one.structure_p < MAX_STRUCTURE_P and one.rmse > 0.0:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
@@ -154,6 +158,7 @@ def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
 
 def make_plan_view(view: DiagnosisView) -> PlanView:
     """Return the plan of the separating run."""
+    # A decided diagnosis needs no further run.
     if view.found.next_run is None:
         return PlanView("", (), "", find_language_code())
     names = [

@@ -69,6 +69,7 @@ def format_figure(value: float, digits: int = 3) -> str:
 def describe_data(view: DiagnosisView) -> tuple[str, ...]:
     """Return the data, its extent, and the machine of the comparison."""
     data = view.found.data
+    # A bench table has no duration.
     span = "" if data.duration_s is None else f", {format_duration(data.duration_s)}"
     rows = _("{count} rows").format(count=data.rows)
     against = _("against {machine}").format(machine=data.machine)
@@ -80,6 +81,7 @@ def describe_next_step(view: DiagnosisView) -> str:
     found = view.found
     if found.verdict == "none":
         return _("Nothing to do.")
+    # With channels the log was readable but too short.
     if found.verdict == "not_judged" and found.channels:
         return _(
             "Record more: longer, and with more different commands. The notes say what "
@@ -88,12 +90,14 @@ def describe_next_step(view: DiagnosisView) -> str:
     if found.verdict == "not_judged":
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
+        # The keys are named only if the simulated machine can drive the run.
         if view.drives:
             return _(
                 "V shows its steps, Q7 writes it as a job file, Q5 drives it on the "
                 "simulated machine."
             )
         return _("V shows its steps.")
+    # Advice follows a decided cause only.
     if found.causes and is_headline(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:
@@ -116,6 +120,7 @@ def find_adopted_title(view: DiagnosisView, name: str) -> str:
 
 def format_cause_size(cause: Cause) -> str:
     """Return size, 90 % interval and time span of a cause."""
+    # A cause may have begun within the log.
     of, then = cause.size, describe_time_span(cause)
     if of.value is None:
         said = _("size not known")
@@ -131,6 +136,7 @@ def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> 
     undetected."""
     percent_, place_m = cause.field_cost.rate_error_percent, cause.field_cost.place_error_m
     said = []
+    # A zero error needs no text of its own.
     if percent_:
         rate = (
             ""

@@ -85,6 +85,7 @@ def fit_checks(checks: tuple[JobCheck, ...], rows: int, cells: int = 1000) -> tu
     rows, cells
         Size of the list, and width of a text, in terminal cells.
     """
+    # A long text needs two rows.
     need = [len(_wrap_check(check, cells)) for check in checks]
     if sum(need) <= rows:
         return checks
@@ -122,6 +123,7 @@ def _list_more_texts(check: JobCheck) -> list[str]:
 
 def count_check_rows(checks: tuple[JobCheck, ...], width: int) -> int:
     """Return the number of rows that show everything."""
+    # Eight cells are the shortest useful text.
     room = max(8, width - sum(_find_column_widths(checks)) - 1)
     return 1 + sum(
         len(_wrap_check(check, room))
@@ -147,6 +149,7 @@ class CheckList(Panel[tuple[JobCheck, ...]]):
         label, word = _find_column_widths(view)
         rows = [make_line(*head)]
         room = max(8, width - label - word - 1)
+        # One row is the heading.
         shown = fit_checks(view, height - 1, room)
         spare = (
             height

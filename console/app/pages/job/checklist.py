@@ -46,7 +46,9 @@ MAX_DEVICE_SILENCE_S = 2.0
 MIN_FREE_BYTES = 200_000_000
 # Below this free space, bytes, the operator is warned: some days of logs are left.
 LOW_FREE_BYTES = 2_000_000_000
+# Scales of growth stages that a crop file may use.
 SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
+# Notices, notes and questions about a strip, by its kind.
 STRIP_BEGINS = {
     "nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
     "check": N_("farmer check begins here; B again at its end, after {least} or more"),
@@ -141,6 +143,7 @@ def find_worst_level(found: tuple[JobCheck, ...]) -> str:
 def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
     """Check whether all devices send values; a silent drive prevents work."""
     label = _("devices")
+    # Without fresh values the list of devices may be outdated.
     if frame is None or age_s > MAX_FRESH_AGE_S:
         return JobCheck(label, STOP, _("no values from the machine"))
     if not frame.devices:
@@ -153,6 +156,7 @@ def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
     lines = tuple(f"{_name_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
     simulated = f"  {_('SIMULATED')}" if frame.simulated else ""
     if silent:
+        # A silent drive prevents work; a silent receiver or head only reduces its quality.
         drive = any(one.name in ("board", "rate_module") for one in silent)
         names = ", ".join(_name_device(one) for one in silent)
         return JobCheck(
@@ -161,6 +165,7 @@ def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
             _("silent: {names}").format(names=names) + simulated,
             lines,
         )
+    # Six heads in the list would hide the other devices, so they are counted.
     heads = [one for one in frame.devices if one.name.startswith("head_")]
     others = ", ".join(_name_device(one) for one in frame.devices if one not in heads)
     text = f"{others}, {_('{count} heads').format(count=len(heads))}" if heads else others
@@ -169,6 +174,7 @@ def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
 
 def _name_device(one: DeviceView) -> str:
     """Return the word for a device."""
+    # Heads are numbered: head_1 to head_6.
     name, _line, number = one.name.partition("_")
     if name == "head" and number:
         return _("head {number}").format(number=number)
@@ -185,6 +191,7 @@ def _check_names(facts: JobFacts) -> tuple[JobCheck, ...]:
 def translate_crop_note(note: str) -> str:
     """Translate a crop file's remark about itself. An author's own words are unchanged, and so are
     the names of keys after a colon."""
+    # A remark may end with the names of keys of the crop file, which are no words to translate.
     head, colon, keys = note.partition(": ")
     known = _(note)
     return f"{_(head)}{colon}{keys}" if known == note else known
@@ -231,6 +238,7 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
         return ()
     label, scale = _("growth stage"), _(SCALE_NAMES[growth.scale])
     first, last = f"{growth.first:g}", f"{growth.last:g}"
+    # The rule may still be right, so a missing stage is a warning only.
     if growth.stage is None:
         return (
             JobCheck(
@@ -257,6 +265,7 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
 def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
     """Return the strips in force: the worker's, which include strips measured since its start, else
     those of the files."""
+    # The worker measures strips during the run and knows them before the files do.
     live = frame.strips if frame is not None else Strips()
     if facts is None:
         return live
@@ -291,6 +300,7 @@ def compare_strip_rates(
         return ""
     rates = []
     for strips in (before, after):
+        # The rule of the job itself decides, so the comparison agrees with the worker.
         rule = replace(facts.setup.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
         decided = rule.decide_rate(field_ndvi)
         rates.append(
@@ -329,6 +339,7 @@ def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobChec
     ):
         return ()
     label, strips = _("response index"), find_present_strips(frame, facts)
+    # Both strips must be of this field and day, because the index compares them.
     index = calc_measured_index(strips)
     if index is None:
         missing = (
@@ -391,6 +402,7 @@ def _check_product(facts: JobFacts) -> tuple[JobCheck, ...]:
         facts.names.product,
         f"{100.0 * facts.setup.crop.product_n_fraction:.0f}",
     )
+    # The flow of a product depends on the machine, so only a catch test with this machine counts.
     test = product.find_newest_test(machine.id)
     if test is None:
         return (
@@ -455,6 +467,7 @@ def _check_map(facts: JobFacts, units: Units) -> tuple[JobCheck, ...]:
         )
     if facts.map_check is None:
         return ()
+    # Remarks about a plausible map stay in the details.
     said = describe_map_check(facts.map_check, units)
     doubtful = is_doubtful(facts.map_check) and bool(said)
     if doubtful:
@@ -501,6 +514,7 @@ def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
             LOOK,
             _("was {state}").format(state=units.mass.format_with_name(frame.row.hopper_kg)),
         )
+    # The alarm has hysteresis, so the list does not flicker with the scale's noise.
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
     return JobCheck(label, LOOK if low else OK, units.mass.format_with_name(frame.row.hopper_kg))
 
@@ -517,6 +531,7 @@ def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
         )
     if free_bytes is None:
         return JobCheck(label, LOOK, _("free space not known"), (frame.log_path,))
+    # Disks are sold and reported in decimal gigabytes.
     gigabytes = free_bytes / 1e9
     text = _("{free} GB free").format(free=f"{gigabytes:.1f}")
     level = STOP if free_bytes < MIN_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
@@ -540,12 +555,14 @@ def make_total_items(
         "--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent)
     )
     error = "--" if t.error_percent is None else f"{t.error_percent:+.1f} %"
+    # A worker without a snapshot sends no tally.
     held_s = 0.0 if tally is None else tally.held_s
     # A rate per hour from less than a minute of work would be meaningless.
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
         ItemView(
+            # The remaining work comes first, because an operator plans refills and time by it.
             _("to finish"),
             ShownText(estimate_remaining(frame, picture).format_remaining(units), old),
         ),
@@ -553,6 +570,7 @@ def make_total_items(
         ItemView(_("applied"), ShownText(units.mass.format_with_name(t.applied_kg), old)),
         *(
             ()
+            # The row appears only when the mass is worth mentioning.
             if t.stopped_kg < MIN_SHOWN_STOPPED_KG
             else (
                 ItemView(
@@ -568,6 +586,7 @@ def make_total_items(
             ShownText(units.mass._replace(decimals=1).format_with_name(t.applied_n_kg), old),
         ),
         *(
+            # In point mode single doses replace the figures of evenness.
             list_point_items(frame, old, units)
             or (
                 ItemView(_("against target"), ShownText(error, old)),
@@ -608,5 +627,6 @@ def list_refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tupl
         return ()
     return tuple(
         f"{format_local_time(utc, utc_offset_s)}  {format_with_unit(units.mass, round(kg, 1))}"
+        # The newest refill is the one that an operator may want to undo.
         for utc, kg in reversed(frame.tally.refills)
     )

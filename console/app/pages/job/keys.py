@@ -55,6 +55,7 @@ def show_details(page: JobScreen) -> None:
 
 def press_strip_key(page: JobScreen) -> None:
     """Begin a strip, or end the strip in progress and use its value after a question."""
+    # One key begins and ends the strip, because the operator watches the field.
     if page.strip is None:
         _begin_strip(page)
         return
@@ -67,6 +68,7 @@ def press_strip_key(page: JobScreen) -> None:
         )
         page.app.ask_yes_no(_("Cancel the strip?"), text, lambda: _cancel_strip(page))
         return
+    # The value is taken before the question, while the machine may leave the strip.
     value = page.strip.value
 
     def use_value() -> None:
@@ -85,6 +87,7 @@ def press_strip_key(page: JobScreen) -> None:
         samples=so_far.samples,
     )
     title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
+    # The question shows the effect on the rate before the value is used.
     with_it = page.replace_strip(value)
     said = (
         compare_strip_rates(
@@ -114,6 +117,7 @@ def _begin_strip(page: JobScreen) -> None:
         )
         page.refresh_all_next_tick()
 
+    # Only the rule with a response index of the field needs two strips.
     if page.facts is None or page.facts.setup.rule.response_rule != "field":
         begin_run("nrich")
         return
@@ -133,6 +137,7 @@ def _cancel_strip(page: JobScreen) -> None:
 def _use_strip_value(page: JobScreen, value: StripValue) -> None:
     """Use a strip's value at once by an order, and write it to a job file for the next start. Undo
     restores both."""
+    # Undo needs the value that was in force before.
     before = value._replace(
         ndvi=getattr(find_present_strips(page.app.arrival.frame, page.facts), value.which), se=None
     )
@@ -169,6 +174,7 @@ def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
     if page.facts is None:
         page.app.show_notice(page.trouble or _("being read"))
         return
+    # The list points out the file in use.
     now = {
         "job": page.facts.job_file,
         "crop": page.facts.crop_file,
@@ -182,6 +188,7 @@ def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
                     format_job_card(file, card, page.app.units),
                     picture=card and card.picture,
                 )
+                # Cards take time to read, so the list is made in a thread.
                 for file, card in service.list_job_cards()
             ],
             lambda choices: _choose_file(page, service, kind, choices, now),
@@ -211,6 +218,7 @@ def _choose_file(
 
 def format_job_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
     """Return the lines that describe a job in a list."""
+    # An unreadable job still appears in the list by its name.
     if card is None:
         return file.label
     said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
@@ -248,6 +256,7 @@ def end_job(page: JobScreen, service: JobService) -> None:
     def mark_and_export() -> None:
         # The mark in the log makes the job "ended", so that it is not offered again after a power
         # cut.
+        # The worker's snapshot reads this event from the log.
         page.app.give_order(Do.MARK, "job finished")
         page.begin_work(
             _("export"),
@@ -273,6 +282,7 @@ def explain_no_log(page: JobScreen) -> str:
 def explain_no_end(page: JobScreen) -> str:
     """Return why the job cannot be ended."""
     frame = page.app.arrival.frame
+    # A job must not end while material flows.
     works = frame is not None and frame.row.state == State.WORKING and not page.app.gone
     return _("the machine works: hold or stop it first") if works else explain_no_log(page)
 
@@ -314,6 +324,7 @@ ACTIONS = set_page(
         locked=True,
     ),
     Action(
+        # The letters agree with those of other pages: J opens files everywhere.
         "job_file",
         "j",
         # Another job needs another worker, and that starts in OFF.
@@ -340,6 +351,7 @@ ACTIONS = set_page(
         lambda page: _ask_for_file(page, "machine"),
     ),
     Action(
+        # A map comes from a memory stick, so the key searches there first.
         "job_map",
         "p",
         "P",
@@ -372,6 +384,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # The scale may have seen the refill already; then its mass is proposed.
         "job_refill",
         "f",
         "F",

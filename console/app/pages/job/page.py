@@ -129,6 +129,7 @@ class JobScreen(Page):
         # Notes about the former run are not valid for a new run.
         if frame.log_path != self._run_log_path:
             self._run_log_path = frame.log_path
+            # Both measure within one run.
             self.refill, self.field = RefillWatch(), FieldMean()
             self.run_notes.clear()
         before = self.refill.seen_kg
@@ -148,6 +149,7 @@ class JobScreen(Page):
         if self.service is not None and (
             self._checked_s is None
             or now_s - self._checked_s >= FILE_CHECK_PERIOD_S
+            # Another log means that the worker uses other files.
             or log_path != self._checked_log_path
         ):
             self._checked_s, self._checked_log_path = now_s, log_path
@@ -182,6 +184,7 @@ class JobScreen(Page):
         found = list_checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
         listed = self.query_one("#job-checks", CheckList)
         listed.show_view(found)
+        # The totals are counted before the layout, which depends on their number.
         done = make_total_items(frame, age_s, units, self.app.fields.find_picture(frame))
         most, totalled = (
             MAX_CHECK_ROWS[0 if self.has_class("-low") else 1],
@@ -242,6 +245,7 @@ class JobScreen(Page):
                 )
             )
         if self.progress:
+            # Work in progress is loud, so that it stays visible.
             notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
         if self.app.joined is not None:
             known = self.app.joined.known
@@ -307,6 +311,7 @@ class JobScreen(Page):
         unit, seen_kg, full_kg = self.app.units.mass, self.refill.seen_kg, self.app.hopper_kg
         frame = self.app.arrival.frame
         hopper_kg = frame.row.hopper_kg if frame is not None else None
+        # The scale's mass is proposed and can be confirmed by Enter.
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
         text = _("Measured by the scale; Enter records it.") if seen_kg is not None else ""
 
@@ -383,6 +388,7 @@ class JobScreen(Page):
                 self._drop_choice(taken)
 
         heading = _("Change over to {name} now?").format(name=self.pending)
+        # An interrupted job on the field needs a decision before the restart.
         if left is not None:
             self.app.push_screen(self.app.make_pass_question(left, heading), take_answer)
             return
@@ -531,6 +537,7 @@ class JobScreen(Page):
 
         def take_choice(path: str) -> None:
             if any(
+                # A folder's name ends in a slash or backslash, and ".." leads upwards.
                 one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..")
                 for one in found
             ):

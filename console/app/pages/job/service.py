@@ -46,10 +46,12 @@ class JobFacts:
         Reason why the job's map cannot be used, in one line.
     """
 
+    # The same class as the worker builds, so that the screen shows what the worker uses.
     setup: Setup
     job_file: str
     crop_file: str
     machine_file: str
+    # True for a machine file of the program, which was not calibrated on this machine.
     shipped_machine: bool = False
     product_file: str = ""
     field: str = ""
@@ -57,6 +59,7 @@ class JobFacts:
     map_file: str = ""
     map_check: MapCheck | None = None
     map_trouble: str = ""
+    # Alternatives for the lists of the Job page.
     jobs: tuple[FileChoice, ...] = ()
     crops: tuple[FileChoice, ...] = ()
     machines: tuple[FileChoice, ...] = ()
@@ -131,8 +134,10 @@ class MapPreview:
     columns: tuple[str, ...] = ()
     question: str = ""
     unit: str = ""
+    # Area and mass of the whole map.
     area_ha: float = 0.0
     mass_kg: float = 0.0
+    # Lowest and highest rate, kg/ha.
     rates_kg_ha: tuple[float, float] = (0.0, 0.0)
     picture: FieldPicture | None = None
     check: MapCheck | None = None
@@ -144,6 +149,7 @@ class JobOffer(NamedTuple):
     differ from those of the job."""
 
     path: str
+    # UTC, ISO 8601, as in the snapshot.
     began_utc: str
     saved_utc: str
     job: str

@@ -33,6 +33,7 @@ def toggle_plan(page: MapScreen) -> None:
 
 def ask_overlay_file(page: MapScreen) -> None:
     """Ask for a file to overlay on the map, newest first; an entry removes the present overlay."""
+    # The log that is being written is excluded: it is the work itself.
     services, frame = page.app.services.layers, page.app.arrival.frame
     running = frame.log_path if frame is not None else ""
     if services is None:
@@ -45,6 +46,7 @@ def ask_overlay_file(page: MapScreen) -> None:
 
 def _choose_overlay(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
     """Ask for one of the listed files."""
+    # An empty list without an overlay to remove would offer nothing.
     if not listed and not page.laid.path:
         page.app.show_notice(_("there is no file yet that could be laid on the map"))
         return
@@ -65,6 +67,7 @@ def toggle_machine_or_log(page: MapScreen) -> None:
 
 def explain_no_plan(page: MapScreen) -> str:
     """Return why no plan can be shown."""
+    # The plan belongs to the frame that the page shows, which may be of a log.
     picture = page.app.fields.find_picture(page.find_frame(page.app.clock())[0])
     return (
         _("this job has no map of planned rates")
@@ -75,6 +78,7 @@ def explain_no_plan(page: MapScreen) -> str:
 
 def clear_guide_line(page: MapScreen) -> None:
     """Remove the guidance line."""
+    # The removal is recorded too, so that the next console does not restore the line.
     page.app.guide.clear_ends()
     page.app.keep_line_record(make_line_record(page.app.guide))
 
@@ -106,6 +110,7 @@ ACTIONS = set_page(
         bar=8,
     ),
     Action(
+        # Both keys delete on the keyboards of different systems.
         "map_no_guide",
         "delete,backspace",
         "Del",
@@ -124,6 +129,7 @@ ACTIONS = set_page(
         bar=3,
     ),
     Action(
+        # Terminals send different keys for plus: with Shift, without Shift, and from the keypad.
         "map_in",
         "plus,equals_sign,kp_plus",
         "+",
@@ -180,6 +186,7 @@ ACTIONS = set_page(
     ),
     # Arrow keys move the picture in whole steps; dragging moves it freely.
     Action(
+        # Each arrow key moves the view, so the ground moves in the opposite direction.
         "map_west",
         "left",
         "<",
@@ -212,6 +219,7 @@ ACTIONS = set_page(
         lambda page: page.pan_map(0, -1),
     ),
     Action(
+        # The replayed log is drawn by the same page, so both can be compared.
         "map_log",
         "q_1",
         "Q1",

@@ -65,6 +65,7 @@ class MapScreen(LogPage):
         self._driven: list[Place] = []
 
     def compose_body(self) -> ComposeResult:
+        # Before the first frame the panels show "--".
         rates = make_run_view(None, 0.0, self.app.units).rates
         with Vertical(id="map-left"):
             yield SeatRates(rates, id="map-strip")
@@ -84,6 +85,7 @@ class MapScreen(LogPage):
 
     def show_due(self, now_s: float) -> None:
         super().show_due(now_s)
+        # Drawing a map is the slowest part of a refresh, so it has its own period.
         if self.maps.is_due(now_s):
             self._frame, age_s = self.find_frame(now_s)
             self._draw_map(age_s)
@@ -106,6 +108,7 @@ class MapScreen(LogPage):
     def gather_frame(self, frame: Frame) -> None:
         super().gather_frame(frame)
         if self.drive is not None:
+            # A new corner is stored at once, because a console may die at any time.
             before = len(self.drive.corners)
             self.drive.add_row(frame.row)
             if frame.place_m is not None and len(self.drive.corners) > before:
@@ -143,6 +146,7 @@ class MapScreen(LogPage):
         distance = self.app.units.fine_distance
 
         def begin_drive(side: str) -> None:
+            # The side determines the sign of the offset from the antenna.
             self._set_drive(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
             self.app.show_notice(_("the boundary begins here: drive round the field, then B again"))
             self.app.show_changes()
@@ -178,6 +182,7 @@ class MapScreen(LogPage):
             self._set_drive(None)
             self.app.show_changes()
 
+        # A way that is too short or open can only be cancelled.
         if not drive.is_closable:
             self.app.ask_yes_no(
                 _("Cancel the boundary?"),
@@ -194,6 +199,7 @@ class MapScreen(LogPage):
             if answer == "drop":
                 drop_drive()
             elif answer == "keep" and service is not None:
+                # The ring is made before the drive is removed.
                 ring = drive.make_edge_ring_deg()
                 self._set_drive(None)
                 self.app.turn_to_page(JOB)
@@ -203,6 +209,7 @@ class MapScreen(LogPage):
                     lambda: service.save_driven_boundary(ring),
                 )
 
+        # The boundary becomes part of the job file, which needs a restart of the worker.
         no_files = (
             _("files are not available here")
             if self.app.services.job is None
@@ -234,6 +241,7 @@ class MapScreen(LogPage):
         picture = self.app.fields.find_picture(frame)
         if frame is None or frame.place_m is None or picture is None:
             self.app.show_notice(_("no position yet"))
+        # A complete line is replaced by a new one.
         elif guide.a is None or guide.b is not None:
             guide.set_begin(frame.place_m, picture.width_m)
             self.app.keep_line_record(make_line_record(guide))
@@ -267,6 +275,7 @@ class MapScreen(LogPage):
         """Return the present camera; following moves it with the machine."""
         frame = self._frame
         if self.camera is None:
+            # Without a camera the whole field is fitted anew for each picture.
             return fit_box(self.find_whole_box(frame), *self._find_map_size())
         if self.follow and frame is not None and frame.place_m is not None:
             self.camera = self.camera.follow_place(frame.place_m, *self._find_map_size())
@@ -299,6 +308,7 @@ class MapScreen(LogPage):
         legend = self.query_one("#map-laid", OverlayLegend)
         legend.display = bool(self.laid.path)
         if laid is None:
+            # The overlay needs a position to find the plane of the field.
             waits = self._frame is None or self._frame.place_m is None
             said = _("no position yet") if waits else _("reading the file")
             legend.show_view(OverlayLegendView(Path(self.laid.path).name, "", None, said))
@@ -377,6 +387,7 @@ class MapScreen(LogPage):
         """Follow the machine, or stop following."""
         self.follow = self.camera is None or not self.follow
         self.marked = False
+        # Following needs a position of the machine.
         place = self._frame.place_m if self._frame is not None else None
         if self.camera is None and place is not None:
             self.camera = MapCamera(*place, min(FOLLOW_PIXEL_M, self._find_camera().metres))

@@ -67,6 +67,7 @@ def make_place_reading(
     """
     if place is None:
         return PlaceReading(_("no position yet"), ())
+    # The pixel is centred on the position.
     half = 0.5 * metres
     pixel = PixelGrid(1, 1, metres, place[0] - half, place[1] + half)
     here = GroundPixels(worked, pixel)
@@ -80,6 +81,7 @@ def make_place_reading(
         if picture is not None and picture.planned is not None
         else None
     )
+    # The same formula as on the Run page.
     error = find_rate_error(target, applied)
     parts = [
         ReadingPart(_("applied"), units.rate.format_with_name(applied)),
@@ -91,6 +93,7 @@ def make_place_reading(
         parts.append(ReadingPart(_("file"), f"{said} {laid.scale.unit}".rstrip()))
     if picture is not None and picture.planned is not None:
         parts.append(ReadingPart(_("planned"), units.rate.format_with_name(planned)))
+    # The panel drops parts from the end where the row is too short.
     parts += [
         ReadingPart(_("error"), "--" if error is None else format_signed_percent(100.0 * error)),
         ReadingPart("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
@@ -108,9 +111,11 @@ def list_job_items(
     mean rate so far."""
     if frame is None:
         return ()
+    # Without a boundary no share can be given.
     field_ha = picture.area_ha if picture is not None else None
     left = estimate_remaining(frame, picture)
     time_left = "--" if left.time_s is None else format_duration(left.time_s)
+    # Overlap can make the worked area larger than the field.
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row
     return tuple(
@@ -129,6 +134,7 @@ def list_job_items(
             (
                 _("speed"),
                 units.speed.format_with_name(
+                    # The controller's own speed comes first, because it determines the rate.
                     row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
                 ),
             ),

@@ -30,6 +30,7 @@ def ask_log(page: ReplayScreen) -> None:
 
 def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]) -> None:
     """Ask for one of the listed logs."""
+    # An empty list would offer nothing.
     if not listed:
         page.app.show_notice(_("there is no log yet"))
         return
@@ -47,6 +48,7 @@ def seek_next_alarm(page: ReplayScreen) -> None:
 
 def ask_what_if(page: ReplayScreen) -> None:
     """Ask for another strategy, crop or machine, and recompute the log with it."""
+    # The alternatives come with the log, because they depend on its machine.
     job = page.opened_job
     # The value has kind and name, because the list mixes three kinds of choices.
     choices = [
@@ -76,6 +78,7 @@ def explain_no_log(page: ReplayScreen) -> str:
 
 def explain_no_what_if(page: ReplayScreen) -> str:
     """Return why the log cannot be recomputed."""
+    # A log of another program has no machine file to compute with.
     if page.job is not None and page.job.what_if is None:
         return _("this log cannot be recomputed: its machine or crop is not known")
     return explain_no_log(page)
@@ -184,6 +187,7 @@ ACTIONS = set_page(
         why=explain_no_log,
     ),
     Action(
+        # A recomputation takes seconds, so it runs in a thread and can be cancelled.
         "what_if",
         "q_1",
         "Q1",
@@ -202,6 +206,7 @@ ACTIONS = set_page(
         why=lambda page: _("no what-if is being computed") if page.computing is None else "",
     ),
     Action(
+        # The recorded frames are kept, so returning needs no file.
         "as_recorded",
         "delete,backspace",
         "Del",

@@ -81,6 +81,7 @@ class ReplayBar(Panel[ReplayView]):
         """Reports a click on the word that a computation is in progress."""
 
     def draw_rows(self, view: ReplayView, width: int, height: int) -> list[Content]:
+        # A sign and a word: the state must be visible without colour.
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
         left: list[TextPart] = [
             (f" {symbol} {word} ", "bold"),
@@ -99,6 +100,7 @@ class ReplayBar(Panel[ReplayView]):
         if view.busy:
             return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
+            # The user's keymap may have another key.
             key = cast("TopdressApp", self.app).find_shown_key("findings")
             return [
                 (
@@ -123,6 +125,7 @@ class ReplayBar(Panel[ReplayView]):
     def _draw_time_line(self, view: ReplayView, width: int) -> Content:
         """Return the time line with position and alarms."""
         first, last = self._format_ends(view)
+        # Four cells are the shortest line on which a position is visible.
         room = max(4, width - cell_len(first) - cell_len(last))
         at = round(view.share * (room - 1))
         alarms = {round(share * (room - 1)) for share in view.alarm_shares}
@@ -167,6 +170,7 @@ _NO_LOG_VIEW = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
     """Describe the effect of a recomputation: total mass, and mean deviation of the rate from the
     target at work."""
+    # The last frame contains the total of the log.
     kg, was_kg = (frames[-1].applied_kg for frames in (after, before))
     sign = "+" if kg >= was_kg else "-"
     said = _("{more} ({kg} instead of {before})").format(
@@ -188,6 +192,7 @@ def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: 
         ]
         return 100.0 * sum(found) / len(found) if found else None
 
+    # The mean absolute error shows evenness, which the total does not.
     now, was = calc_mean_error(after), calc_mean_error(before)
     if now is None or was is None:
         return said
@@ -217,6 +222,7 @@ class ReplayScreen(PanelScreen):
     def open_job(self, job: ReplayJob) -> None:
         """Play another log from its start."""
         self.job, self.chosen = job, WhatIf()
+        # The recorded frames stay in memory, so that returning to them is immediate.
         self._recorded = job.source.frames
         self._note_alarms()
         self.refresh_all_next_tick()
@@ -225,6 +231,7 @@ class ReplayScreen(PanelScreen):
         """Find the positions of the alarms' begins on the time line."""
         assert self.job is not None
         source = self.job.source
+        # A log of one row has no length.
         length = max(1e-9, source.end_s - source.start_s)
         begins, before = [], frozenset[str]()
         for frame in source.frames:
@@ -237,6 +244,7 @@ class ReplayScreen(PanelScreen):
 
     def list_alarm_records(self) -> tuple[AlarmRecord, ...]:
         """Return all alarms of the log up to the present frame."""
+        # The history is built anew, because the operator may seek backwards.
         book = AlarmHistory()
         if self.job is not None:
             source = self.job.source
@@ -271,6 +279,7 @@ class ReplayScreen(PanelScreen):
 
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().make_view(frame, age_s)
+        # Without a log the status line explains the empty page.
         silent = view.status.silent if self.job is not None else _("no log is open: J opens one")
         return view._replace(status=view.status._replace(lead=_("REPLAY"), silent=silent))
 
@@ -291,6 +300,7 @@ class ReplayScreen(PanelScreen):
         self.query_one("#replay-bar", ReplayBar).show_view(
             ReplayView(
                 self.job.name,
+                # At the end of the log nothing plays any more.
                 source.playing and not source.is_at_end,
                 f"{source.speed:g}x",
                 format_duration(source.at_s),
@@ -359,6 +369,7 @@ class ReplayScreen(PanelScreen):
         """Recompute the log with another strategy, crop or machine, in a thread."""
         if self.job is None or self.job.what_if is None:
             return
+        # The choice names the field of `WhatIf` that it replaces.
         field, _colon, value = choice.partition(":")
         # Changes accumulate: the new choice extends the present choices.
         compute, wanted = self.job.what_if, self.chosen._replace(**{field: value})

@@ -22,6 +22,7 @@ class WhatIf(NamedTuple):
 
 IsCancelled = Callable[[], bool]
 TellShare = Callable[[float], None]
+# Receives the changes, a cancellation check and a progress function; returns the frames.
 WhatIfComputer = Callable[[WhatIf, IsCancelled, TellShare], Sequence[Frame]]
 
 
@@ -46,8 +47,10 @@ class ReplayJob:
 
     source: ReplaySource
     name: str
+    # Notes on the log, in the language in use.
     findings: tuple[str, ...] = ()
     what_if: WhatIfComputer | None = None
+    # Names of shipped and own files.
     crops: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
 

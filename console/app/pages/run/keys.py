@@ -41,6 +41,7 @@ def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
     # Before the first frame nothing is allowed, and the guard is on.
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = (
+        # The order is that of the dialog: the allowances needed most often come first.
         (Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
         (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
         (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
@@ -53,6 +54,7 @@ def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
         (Do.ALLOW_NO_WHEEL, _("work by GNSS alone where the wheel sensor is dead"), allow.no_wheel),
     )
     return {
+        # The guard is an order of its own sense: True forbids, so its value is not negated.
         do.value: Allowance(what, allowed, do, allowed if do is Do.NO_DOUBLE else not allowed)
         for do, what, allowed in found
     }
@@ -61,6 +63,7 @@ def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
 def list_allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
     """Return an entry per allowance; its value is the name in `list_allowances`, or
     `SECTIONS_CHOICE`."""
+    # A machine without section valves has no such entry.
     sections = (
         (Choice(SECTIONS_CHOICE, _("sections by hand: close or give back ...")),)
         if frame and frame.sections
@@ -93,6 +96,7 @@ if TYPE_CHECKING:
 def give_start_order(page: RunScreen) -> None:
     """Give START. Repeats of the key tell the worker that it is held, which permits flow before the
     machine moves."""
+    # Times of key presses decide whether the key is held.
     now_s = page.app.clock()
     page.start_key.note_key(now_s)
     page.app.give_order(Do.START, True if page.start_key.is_down(now_s) else None)
@@ -101,6 +105,7 @@ def give_start_order(page: RunScreen) -> None:
 def _ask_nudge(page: RunScreen, first: int) -> None:
     """Ask for a nudge; `first` is the first step of the key."""
     frame = page.app.arrival.frame
+    # A nudge that no frame reports is zero.
     now = (frame.row.nudge_percent if frame else None) or 0.0
 
     page.app.ask_question(
@@ -120,8 +125,10 @@ def _describe_reach(page: RunScreen, by: Strategy) -> str:
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
+    # Imported on use, because the metering model is large and rarely asked.
     from topdress.control.metering.strategies import describe_reach
 
+    # Figures for a rate of zero would be meaningless, so the manual rate replaces it.
     rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
     mps = max(frame.row.speed_used_mps or 0.0, MIN_WORKING_SPEED_MPS)
     of = describe_reach(machine, by, rate_kg_ha, mps)
@@ -150,6 +157,7 @@ def ask_strategy(page: RunScreen) -> None:
     """Ask for the strategy."""
     frame = page.app.arrival.frame
     choices = [Choice(one.value, words.name_strategy(one.value)) for one in STRATEGIES]
+    # The present set-points tell which drive each strategy would keep.
     units, row = page.app.units, frame.row if frame else None
     text = "\n".join(
         (
@@ -175,6 +183,7 @@ def ask_strategy(page: RunScreen) -> None:
 def ask_target_source(page: RunScreen) -> None:
     """Ask for the source of the target."""
     frame = page.app.arrival.frame
+    # An older worker does not report its sources, so the field's picture decides about the map.
     picture = page.app.fields.find_picture(frame)
     has = frame.sources if frame is not None else ()
     no_map = (
@@ -222,6 +231,7 @@ def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
 def ask_manual_rate(page: RunScreen) -> None:
     """Ask for the manual rate."""
     unit = page.app.units.rate
+    # The limits of the settings lie within those of the crop.
     low, high = round_inwards(unit, *page.app.limits_kg_ha, 0)
 
     def give_rate(rate_kg_ha: float) -> None:
@@ -239,6 +249,7 @@ def make_preset_action(number: int) -> Callable[[RunScreen], None]:
     """Return an action that uses a preset rate everywhere, after one question."""
 
     def give_preset(page: RunScreen) -> None:
+        # The preset is read when the key is pressed, because the settings may have changed.
         app, rate_kg_ha = page.app, page.app.presets_kg_ha[number]
         unit, (low, high) = app.units.rate, app.limits_kg_ha
         # The limits may have changed since the preset was entered.
@@ -272,6 +283,7 @@ def _ask_to_use_rate(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None
             Order(Do.SOURCE, TargetSource.MANUAL.value),
         ),
     )
+    # The operator must know that the canopy no longer controls the rate.
     place = _("It takes the place of canopy or map, everywhere.")
     app.ask_yes_no(
         _("Use the manual rate of {rate} now?").format(
@@ -286,8 +298,10 @@ def _ask_to_use_rate(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None
 def toggle_look_ahead(page: RunScreen) -> None:
     """Switch the look-ahead, after a question."""
     frame = page.app.arrival.frame
+    # Without a frame the usual state is assumed.
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
+    # The distance shows what the look-ahead compensates at the present speed.
     lag_m = frame.row.lag_m if frame else None
     page.app.ask_yes_no(
         title,
@@ -308,6 +322,7 @@ def toggle_flow_trim(page: RunScreen) -> None:
         if on
         else _("Correct the flow by the hopper scale?")
     )
+    # The present correction shows what would change.
     trim = frame.row.flow_trim if frame else None
     page.app.ask_yes_no(
         title,
@@ -338,6 +353,7 @@ def ask_allowance(page: RunScreen) -> None:
             page.app.give_order(offered[value].do, offered[value].to)
 
     frame = page.app.arrival.frame
+    # The choices are fixed when the dialog opens: a frame in between must not change their meaning.
     offered = list_allowances(frame)
     page.app.ask_question(
         ChoiceDialog(
@@ -356,6 +372,7 @@ def ask_dose_error(page: RunScreen) -> None:
     from topdress.control.targets.point_source import MAX_DOSE_ERROR_M
 
     def ask_distance(side: str) -> None:
+        # Late is positive, as in the order.
         unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0
         page.app.ask_question(
             NumberDialog(
@@ -420,6 +437,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # A nudge is asked even for one step, because it changes the dose of the whole field.
         "nudge_up",
         # Terminals send different keys for plus: with Shift, without Shift, and from the keypad.
         "plus,equals_sign,kp_plus",
@@ -504,6 +522,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # The refill is a page of the job, but an operator needs its key at work.
         "refill",
         "f",
         "F",
@@ -536,6 +555,7 @@ ACTIONS = set_page(
         needs_machine=True,
     ),
     Action(
+        # The switch serves comparisons in the field: with and without the correction.
         "look_ahead",
         "l",
         "L",
@@ -610,6 +630,7 @@ ACTIONS = set_page(
         why=lambda page: _("no cursor is set") if page.cursor_s is None else "",
     ),
     Action(
+        # This key works while the keys are locked, because a lost machine must be found again.
         "connect",
         "c",
         "C",

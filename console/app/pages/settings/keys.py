@@ -13,6 +13,7 @@ PAGE_STEP_LINES = 10
 ACTIONS = set_page(
     SETTINGS,
     Action(
+        # The list is long, so it has keys for steps, pages and both ends.
         "setting_up",
         "up",
         "Up",
@@ -79,6 +80,7 @@ ACTIONS = set_page(
         asks="text",
     ),
     Action(
+        # A default returns by the same rules as any other value.
         "setting_default",
         "delete,backspace",
         "Del",

@@ -69,6 +69,7 @@ class SettingsList(PickList[SettingsView]):
     """Shows the settings."""
 
     def draw_rows(self, view: SettingsView, width: int, height: int) -> list[Content]:
+        # Head and foot have fixed rows, and the list takes the rest.
         head = self._draw_head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
         # Values have at most a third of the width, because a long list of keys would displace the
@@ -83,6 +84,7 @@ class SettingsList(PickList[SettingsView]):
                 rows.append(make_line((fit_text_width(f" {index}", width), "bold $primary")))
                 continue
             one = view.lines[index]
+            # The mark has a sign and a colour.
             here = index == view.at
             style = "bold $on-select on $select" if here else "bold" if one.own else ""
             parts: list[TextPart] = [
@@ -120,6 +122,7 @@ class SettingsList(PickList[SettingsView]):
     def _draw_foot(view: SettingsView, width: int) -> list[Content]:
         """Return the text of the marked setting in full. All settings take the same number of rows,
         so that the list does not jump."""
+        # The longest hint determines the rows of the foot.
         count = max((len(wrap_text(one.hint, width - 2)) for one in view.lines), default=0)
         said = wrap_text(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
         return [make_line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
@@ -130,6 +133,7 @@ class SettingsList(PickList[SettingsView]):
         rows: list[int | str] = []
         group = None
         for index, one in enumerate(view.lines):
+            # A heading precedes the first line of each group.
             if one.group != group:
                 group = one.group
                 rows.append(group)
@@ -214,6 +218,7 @@ class SettingsScreen(Page):
         assert self.store is not None
         now, rate = self.store.settings, self.app.units.rate
         general, limits, speed = _("general"), _("manual rate"), _("how often the console looks")
+        # Built-in themes come before those of the user's folder.
         themes_known = [
             Choice(name, _(THEME_TITLES.get(name, name)))
             for name in (*themes.THEME_NAMES, *(one.name for one in self.store.themes))
@@ -296,6 +301,7 @@ class SettingsScreen(Page):
             one.id.removesuffix("_screen"): _("keys: {page}").format(page=_(one.label))
             for one in actions.list_page_openers()
         }
+        # Keys of every screen come first, then the pages in the order of their keys.
         groups = {ANYWHERE: _("keys of every screen")} | pages
         # Keys are grouped by page, in the order of the pages' keys.
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
@@ -340,6 +346,7 @@ class SettingsScreen(Page):
         if row.choices:
             value = _find_value(now, row.path)
             value = (
+                # The file has a boolean, the list has words.
                 {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
             )
             # A theme is previewed while it is chosen.
@@ -395,6 +402,7 @@ class SettingsScreen(Page):
         now = self.store.settings
         try:
             if path[0] == "manual_rate":
+                # pydantic checks the whole group, because its values depend on each other.
                 value = ManualRate.model_validate(now.manual_rate.model_dump() | {path[1]: value})
             elif path[0] == "presets":
                 value = Presets.model_validate(now.presets.model_dump() | {path[1]: value})
@@ -409,6 +417,7 @@ class SettingsScreen(Page):
         store = self.store
         assert store is not None
         before = store.settings
+        # Settings take effect before they are written: a full disk must not prevent them.
         store.settings, store.trouble = settings, apply_settings(self.app, settings)
         if before != settings:
             self.app.undo.add_change(
@@ -428,6 +437,7 @@ class SettingsScreen(Page):
         store = self.store
         assert store is not None and self._stored_settings is not None
         try:
+            # Two writes at once could leave the older settings in the file.
             async with self._writing:
                 await asyncio.to_thread(store.write, settings)
                 self._stored_settings = settings
@@ -462,6 +472,7 @@ class ThemeDialog(ChoiceDialog):
 
     def _apply_theme(self, name: str) -> None:
         """Apply a theme if it is registered."""
+        # A theme of the file may be missing on this computer.
         if name in self.app.available_themes:
             self.app.theme = name
 

@@ -63,6 +63,7 @@ ACTIONS = set_page(
         bar=5,
     ),
     Action(
+        # Y stops movement on every page: following on the map, playing in the replay.
         "trends_freeze",
         "y",
         "Y",
@@ -81,6 +82,7 @@ ACTIONS = set_page(
         bar=7,
     ),
     Action(
+        # A fixed scale lets the operator compare spans.
         "trends_scale",
         "q_2",
         "Q2",
@@ -131,6 +133,7 @@ ACTIONS = set_page(
         why=lambda page: _("no cursor is set") if page.cursor_s is None else "",
     ),
     Action(
+        # Scrolling freezes the plots, because new rows would move the span.
         "trends_earlier",
         "pageup",
         "PgUp",

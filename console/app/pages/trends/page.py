@@ -61,6 +61,7 @@ class ChannelDialog(ChoiceDialog):
 
     def _format_channel(self, channel: TrendChannel) -> str:
         """Return a line for a channel: position among the plots, label, unit."""
+        # The number is the position of the plot.
         mark = f"{self.chosen.index(channel.id) + 1}" if channel.id in self.chosen else " "
         return f"[{mark}] {fit_text_width(_(channel.label), 24)}{channel.unit(self._units).name}"
 
@@ -169,6 +170,7 @@ class TrendsScreen(LogPage):
     def find_window(self) -> TimeWindow:
         """Return the visible span."""
         series = self.find_series()
+        # Before the first row the span is empty.
         first, last = series.start_s or 0.0, series.end_s or 0.0
         if self.span is None:
             return TimeWindow(first, max(last, first + SPANS_S[0]))
@@ -221,6 +223,7 @@ class TrendsScreen(LogPage):
                 axes[name] = self.fixed[name]
                 continue
             unit = channel.unit(self.app.units)
+            # Channels of one group, such as target and applied rate, are compared by eye.
             alike = [
                 summarise_stretch(other)
                 for one, other in stretches.items()
@@ -322,6 +325,7 @@ class TrendsScreen(LogPage):
 
     def change_span(self, steps: int) -> None:
         """Change the span; its end stays in place, or the cursor where it is set."""
+        # The span before the change keeps the cursor at its place on the screen.
         before = self.find_window()
         at = bisect_left(SPANS_S, before.length_s - 1.0) if self.span is None else self.span
         self.span = max(0, min(len(SPANS_S) - 1, at + steps))

@@ -97,6 +97,7 @@ class Plots(Canvas[PlotsView]):
     def count_plot_rows(self, height: int) -> list[int]:
         """Return the rows of each plot, including its title, without the time axis."""
         count = max(1, len(self.view.plots))
+        # The first plots take the remaining rows.
         each, rest = divmod(max(0, height - 1), count)
         return [each + (index < rest) for index in range(len(self.view.plots))]
 
@@ -133,6 +134,7 @@ class Plots(Canvas[PlotsView]):
             (f"{unit}   ", muted),
         ]
         fixed = f"  {_('fixed')} " if plot.fixed else ""
+        # The summary fills the rest of the title.
         room = width - sum(cell_len(text) for text, _style in left) - cell_len(fixed)
         return self.make_text_strip(
             width, *left, (fit_text_width(plot.sums, room), muted), (fixed, muted)
@@ -149,6 +151,7 @@ class Plots(Canvas[PlotsView]):
             # The same rounding as for the dots, so that the cursor is in the column of its value.
             None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
         )
+        # A low plot has labels at its ends only.
         labels = {(count - 1) // 2: plot.middle} if count >= MIN_LABELLED_ROWS else {}
         labels |= {0: plot.high, count - 1: plot.low}
         for row in range(count):
@@ -177,6 +180,7 @@ class Plots(Canvas[PlotsView]):
         """Return the time axis; the cursor's time covers a label at the same position."""
         columns = self.count_columns(width)
         read = f" {view.cursor_time} " if view.cursor is not None else ""
+        # The cursor's time is centred on the cursor and stays inside the axis.
         taken = max(
             0,
             min(columns - len(read), round((view.cursor or 0.0) * (columns - 1)) - len(read) // 2),
@@ -219,6 +223,7 @@ class Plots(Canvas[PlotsView]):
     def on_click(self, event: events.Click) -> None:
         """Read the clicked time, or ask for channels after a click on a title."""
         event.stop()
+        # A click on a title chooses channels.
         if event.y in self._find_title_rows() or not self.view.plots:
             self.post_message(self.Named())
             return
@@ -246,6 +251,7 @@ _MIN_AXIS_STEPS = 4
 def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
     """Return round numbers that contain low to high and differ in the last displayed decimal. NaN
     gives 0 to 1."""
+    # A channel without values still gets an axis.
     if not (isfinite(low) and isfinite(high)):
         return 0.0, 1.0
     least = _MIN_AXIS_STEPS * 10.0**-decimals
