@@ -120,7 +120,7 @@ def find_adopted_title(view: DiagnosisView, name: str) -> str:
 
 def format_cause_size(cause: Cause) -> str:
     """Return size, 90 % interval and time span of a cause."""
-    # A cause may have begun within the log.
+    # A cause may start within the log.
     of, then = cause.size, describe_time_span(cause)
     if of.value is None:
         said = _("size not known")
