@@ -33,7 +33,7 @@ from hidden.nominal import Effect
 from hidden.plant import Plant
 from hidden.programmes import Programme, chosen, drive
 from hidden.run_cases import LEAST_KG, within_tolerance
-from topdress.control.diagnosis.live.watch import LOOK_S, LiveCheck
+from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S, LiveCheck
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE
 
@@ -71,11 +71,13 @@ def lines(columns: Columns) -> Iterator[tuple[float, str, str]]:
     """(time, channel, cause) whenever the line on the Run page would change to say something."""
     check, time_s = LiveCheck(load_config("huanghai", MACHINE).model), columns["time_s"]
     last = None
-    for at_s in np.arange(time_s[0] + LOOK_S, time_s[-1] + LOOK_S, LOOK_S):
-        new = (time_s > at_s - LOOK_S) & (time_s <= at_s)
-        check.add({name: array[new] for name, array in columns.items()})
-        if check.due:
-            standing = check.look()
+    for at_s in np.arange(
+        time_s[0] + CHECK_INTERVAL_S, time_s[-1] + CHECK_INTERVAL_S, CHECK_INTERVAL_S
+    ):
+        new = (time_s > at_s - CHECK_INTERVAL_S) & (time_s <= at_s)
+        check.add_rows({name: array[new] for name, array in columns.items()})
+        if check.is_due:
+            standing = check.check_rows()
             said = None if standing is None else (standing.channel, standing.cause)
             if said is not None and said != last:
                 yield (check.now_s, *said)

@@ -11,11 +11,11 @@ Files:
 - `frozen_model`: How is the checked content of a file held?
 - `geodesy`: How are degrees converted to metres on WGS84
 - `log_row`: Which columns does a run log have?
-- `loop`: What does one tick of control do?
-- `machine`: How does the machine behave?
+- `loop`: Runs one tick of control
+- `machine`: Models the machine: stages, effects, terms, landing, and the lag models of the papers
 - `metering`: Which shaft speed and opening give a wanted flow?
 - `orders`: Which words do operator, loop and log share?
-- `papers`: What do the three papers print, and what do this program's models give?
+- `papers`: Compares the numbers printed in the three papers with the results of this program's
 - `readings`: What did the machine's sensors read, and what is sent to its drives?
 - `recordings`: What is wrong with recorded data, and how is it repaired safely?
 - `safety`: May material flow? States, interlocks, alarms, and the last gate before the drives

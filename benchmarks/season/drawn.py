@@ -224,10 +224,10 @@ def main() -> int:
 
 
 def _as_logs(made: list[Made]) -> list[Any]:
-    from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm
+    from topdress.control.diagnosis.season.evidence import QuadraticForm, SeasonLog
 
     return [
-        OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared)
+        SeasonLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared)
         for one in made
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from topdress.control.diagnosis.season.effect_timelines import Cause, is_wearing
+from topdress.control.diagnosis.season.effect_timelines import SeasonCause, is_wearing
 from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, Planted
 
 # machines with an effect reported that was not planted, of all
@@ -17,7 +17,7 @@ MEAN_OFF = 0.2  # share of a planted size, and two half widths
 OTHER_FORM = ("flow.fill_falloff",)
 
 
-def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
+def judge(courses: Sequence[SeasonCause], shared: Sequence[SeasonCause]) -> dict[str, bool]:
     """Every line of the table of truth with what was reported for it: whether it holds."""
     promises: dict[str, bool] = {}
     matched: set[tuple[str, str]] = set()
@@ -50,7 +50,8 @@ def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
     promises[f"nothing else is shared: reported {others}"] = not others
     strange = [one for one in courses if (one.level, one.effect) not in matched and _matters(one)]
     for one in strange:
-        print(f"            strange: {one.level} {one.effect} {_words(one)}; alike {one.alike}")
+        words = f"{one.level} {one.effect} {_words(one)}; alike {one.other_effects}"
+        print(f"            strange: {words}")
     machines = {one.level for one in strange}
     promises[
         f"effects reported that were not planted: {len(strange)} on {len(machines)} of "
@@ -59,14 +60,14 @@ def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
     return promises
 
 
-def _course(courses: Sequence[Cause], planted: Planted) -> Cause | None:
+def _course(courses: Sequence[SeasonCause], planted: Planted) -> SeasonCause | None:
     """That of a planted effect, by its name or one that these logs cannot tell from it."""
     mine = [one for one in courses if one.level == planted.machine]
     named = [one for one in mine if one.effect == planted.name]
-    return next(iter((*named, *(one for one in mine if planted.name in one.alike))), None)
+    return next(iter((*named, *(one for one in mine if planted.name in one.other_effects))), None)
 
 
-def _matters(one: Cause) -> bool:
+def _matters(one: SeasonCause) -> bool:
     """Whether more is reported than what the machine's tolerances, and a product's level, leave
     open."""
     return any(
@@ -76,7 +77,7 @@ def _matters(one: Cause) -> bool:
     )
 
 
-def _held(planted: Planted, course: Cause) -> bool:
+def _held(planted: Planted, course: SeasonCause) -> bool:
     if planted.wears and not planted.repaired:
         last = course.pieces[-1]
         span = last.end_d - last.begin_d
@@ -96,11 +97,11 @@ def _held(planted: Planted, course: Cause) -> bool:
     return _size_held(planted.end, course.size, course.half)
 
 
-def _breaks_d(course: Cause) -> list[float]:
+def _breaks_d(course: SeasonCause) -> list[float]:
     return [0.5 * (a.end_d + b.begin_d) for a, b in itertools.pairwise(course.pieces)]
 
 
-def _repaired_d(course: Cause) -> list[float]:
+def _repaired_d(course: SeasonCause) -> list[float]:
     return [change.time_d for change in course.changes if change.repair > 0.5]
 
 
@@ -108,7 +109,7 @@ def _size_held(truth: float, size: float, half: float) -> bool:
     return abs(size - truth) < 2.0 * half + MEAN_OFF * abs(truth)
 
 
-def _words(course: Cause) -> str:
+def _words(course: SeasonCause) -> str:
     pieces = "; ".join(
         f"{piece.begin:+.2f} to {piece.end:+.2f} (+-{piece.end_half:.2f}) on days "
         f"{piece.begin_d:.0f} "

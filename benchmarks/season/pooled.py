@@ -28,8 +28,8 @@ from hidden.run_cases import within_tolerance  # noqa: E402
 from judged import judge  # noqa: E402
 from topdress.control.diagnosis.season.effect_timelines import fit_season  # noqa: E402
 from topdress.control.diagnosis.season.evidence import (  # noqa: E402
-    OneLog,
     QuadraticForm,
+    SeasonLog,
     collect_log_evidence,
 )
 from topdress.control.machine.machine import Machine  # noqa: E402
@@ -84,9 +84,9 @@ def drawn(
 
 def season_of(
     seed: int, real: list[tuple[QuadraticForm, ...]], weak: tuple[QuadraticForm, ...]
-) -> list[OneLog]:
+) -> list[SeasonLog]:
     """Every day of every machine; `weak`: of the machine whose effect is seen in no single log."""
-    rng, logs = np.random.default_rng([seed, 17]), list[OneLog]()
+    rng, logs = np.random.default_rng([seed, 17]), list[SeasonLog]()
     off: dict[str, dict[str, float]] = {}
     for day in days():
         forms = weak if day.machine == WEAK else real[int(rng.integers(REAL))]
@@ -95,7 +95,7 @@ def season_of(
             key = name if member is None else f"{name}#{member}"
             truth[key] = truth.get(key, 0.0) + size
         logs.append(
-            OneLog(
+            SeasonLog(
                 f"{day.machine}-{day.day}",
                 day.machine,
                 float(day.day),

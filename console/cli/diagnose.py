@@ -35,7 +35,7 @@ from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Cause, Diagnosis
-    from topdress.control.diagnosis.runs.several import Several
+    from topdress.control.diagnosis.runs.several import JointDiagnosis
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.setup import Setup
 
@@ -77,13 +77,13 @@ def adopt_findings(
     """
     from topdress.console.reports.diagnosis_wording import describe_whole, describe_whole_gain
     from topdress.console.reports.term_words import compare_side_by_side
-    from topdress.control.diagnosis.extend import extend, refuse_to_adopt
+    from topdress.control.diagnosis.extend import check_adoptable, extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.kinds import MACHINE
 
     for cause in found.causes:
-        refuse_to_adopt(cause)
+        check_adoptable(cause)
     for name in picked:
         _refuse_pick(name, found, out)
     # A selection by name excludes the unnamed correction with the best prediction.
@@ -120,12 +120,12 @@ def _is_adopted(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool
     """Returns whether a cause is written into the file; prints the reason if not, and that it was
     selected."""
     from topdress.console.reports.diagnosis_wording import is_undecided
-    from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable
+    from topdress.control.diagnosis.extend import find_cause_refusal, is_in_drive_fit
 
-    if is_taken_whole(found, cause):
+    if is_in_drive_fit(found, cause):
         # The fit of the whole drive reports this effect.
         return False
-    if why := not_adoptable(cause):
+    if why := find_cause_refusal(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
         return False
     if not is_undecided(cause):
@@ -154,19 +154,19 @@ def _describe_doubt(cause: Cause) -> str:
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError with the reason."""
     from topdress.console.reports.diagnosis_wording import is_undecided
-    from topdress.control.diagnosis.extend import not_adoptable
+    from topdress.control.diagnosis.extend import find_cause_refusal
 
     own = [cause for cause in found.causes if cause.id == name]
-    if any(not not_adoptable(cause) for cause in own):
+    if any(not find_cause_refusal(cause) for cause in own):
         return
     offered = ", ".join(
         dict.fromkeys(
-            one.id for one in found.causes if is_undecided(one) and not not_adoptable(one)
+            one.id for one in found.causes if is_undecided(one) and not find_cause_refusal(one)
         )
     )
     why = f"not found in this data; undecided: {offered or 'nothing'}"
     if own:
-        why = not_adoptable(own[0])
+        why = find_cause_refusal(own[0])
     elif any(rival.id == name for cause in found.causes for rival in cause.rivals):
         why = "its size is not known before the run that tells it from its rivals (next run)"
     raise CommandError(f"{out}: not written: --pick {name}: {why}")
@@ -174,10 +174,10 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
 
 def _print_term_notes(found: Diagnosis) -> None:
     from topdress.console.reports.term_words import describe_compensation
-    from topdress.control.diagnosis.extend import term_not_adoptable
+    from topdress.control.diagnosis.extend import find_term_refusal
 
     for one in found.terms:
-        why = term_not_adoptable(one)
+        why = find_term_refusal(one)
         word = f"is not adopted: {why}" if why else f"is adopted. {describe_compensation(one.term)}"
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
 
@@ -291,7 +291,7 @@ def run_diagnose(
         _list_outputs(as_json, report, adopt),
         force,
     )
-    several: Several | None = None
+    several: JointDiagnosis | None = None
     if kind == "run" or (kind is None and _is_run_data(data)):
         if len(data) > 1:
             several, tools = _diagnose_several_logs(data, loaded)
@@ -343,19 +343,19 @@ def _is_run_data(data: list[Path]) -> bool:
 
 def _read_log_columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
     """Returns a log's columns that a diagnosis reads, and notes on odd data."""
-    from topdress.control.diagnosis.runs.log import UNREAD
+    from topdress.control.diagnosis.runs.log import UNREAD_COLUMNS
     from topdress.control.log_row import TEXT_COLUMNS
     from topdress.drivers.files.any_log import open_any_log
 
     # Numbers are examined, and their oddities are reported.
-    log = open_any_log(path, UNREAD & TEXT_COLUMNS)
+    log = open_any_log(path, UNREAD_COLUMNS & TEXT_COLUMNS)
     odd = [
         str(finding)
         for finding in log.findings
         # A column of a stage that the machine does not have is not missing.
         if finding.id != "missing" or not machine.stages
     ]
-    return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
+    return {name: array for name, array in log.columns.items() if name not in UNREAD_COLUMNS}, odd
 
 
 def _diagnose_run_log(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
@@ -380,7 +380,9 @@ def _diagnose_run_log(data: Path, machine: Machine, seed: int) -> tuple[Diagnosi
     return found, {"columns": columns, "machine": machine}
 
 
-def _diagnose_several_logs(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
+def _diagnose_several_logs(
+    data: list[Path], machine: Machine
+) -> tuple[JointDiagnosis, dict[str, Any]]:
     """Returns the diagnosis of logs of one machine: effects that they share, and each log's own."""
     from topdress.control.diagnosis.runs.several import diagnose_runs, join_logs
 
@@ -453,13 +455,13 @@ def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float)
     """Simulates control with and without knowledge of the effects. The sizes found are used as the
     true sizes, so the result is the value of knowing them and no proof that they are right."""
     from topdress.control.diagnosis.extend import extend, make_planted_effects
-    from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
+    from topdress.control.diagnosis.runs.closed_loop import measure_loop_gain
 
     effects = make_planted_effects(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, found)
-    gain = closed_loop_gain(
+    gain = measure_loop_gain(
         setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds=seconds
     )
     trim = "on" if setup.job.flow_trim else "off"
@@ -480,7 +482,7 @@ def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float)
     return lines
 
 
-def _format_several(found: Diagnosis, several: Several) -> list[str]:
+def _format_several(found: Diagnosis, several: JointDiagnosis) -> list[str]:
     from topdress.console.reports.diagnosis_text import (
         describe_by_log,
         describe_common,
@@ -494,7 +496,7 @@ def _format_several(found: Diagnosis, several: Several) -> list[str]:
 
 def _write_result(
     found: Diagnosis,
-    several: Several | None,
+    several: JointDiagnosis | None,
     as_json: Path | None,
     report: Path | None,
     tools: dict[str, Any],

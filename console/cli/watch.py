@@ -41,7 +41,7 @@ def watch_log(
     ends."""
     from topdress.console.cli.plain_errors import CommandError
     from topdress.console.services.live_check import POLL_S, follow_log, lower_priority
-    from topdress.control.diagnosis.live.watch import FIRST_S
+    from topdress.control.diagnosis.live.watch import MIN_LOG_S
 
     if log.exists() or to_end:
         refuse_other_kinds([log], LOG_KINDS)
@@ -72,7 +72,7 @@ def watch_log(
         pass
     if to_end and not looks:
         raise CommandError(
-            f"{log}: too short: nothing is said before {FIRST_S / 60.0:.0f} minutes of rows"
+            f"{log}: too short: nothing is said before {MIN_LOG_S / 60.0:.0f} minutes of rows"
         )
     used_s, took_s = time.process_time(), time.monotonic() - begin
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)

@@ -11,7 +11,7 @@ from topdress.console.reports.numbers import format_p_value
 from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.diagnosis.runs.rates import describe_rate_value
-from topdress.control.diagnosis.runs.several import Several
+from topdress.control.diagnosis.runs.several import JointDiagnosis
 from topdress.control.machine.machine import CATALOGUE
 
 MOST_SHOWN_LIMITS = 8
@@ -87,7 +87,7 @@ def describe_adoption(found: Diagnosis) -> list[str]:
     ]
 
 
-def describe_common(found: Several) -> list[str]:
+def describe_common(found: JointDiagnosis) -> list[str]:
     """Returns the effects that logs of machines of a kind share, each with its own size."""
     paths = [one.data.path for one in found.each]
     lines = [

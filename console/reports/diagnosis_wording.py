@@ -20,7 +20,7 @@ from topdress.console.reports.numbers import (
     use_plain_minus,
 )
 from topdress.console.reports.variables import find_variable
-from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable, term_not_adoptable
+from topdress.control.diagnosis.extend import find_cause_refusal, find_term_refusal, is_in_drive_fit
 from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
     UNKNOWN,
@@ -261,18 +261,18 @@ def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     it may not."""
     kept, refused = ([] if found.fitted is None else [format_whole_id(found.fitted)]), []
     for cause in found.causes:
-        if is_taken_whole(found, cause):
+        if is_in_drive_fit(found, cause):
             # The part of this effect that is certain is already in the fit of the whole drive.
             continue
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
-        elif why := not_adoptable(cause):
+        elif why := find_cause_refusal(cause):
             refused.append(f"{cause.id}: {why}")
         else:
             kept.append(cause.id)
     modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
     for term in found.terms:
-        if why := term_not_adoptable(term):
+        if why := find_term_refusal(term):
             refused.append(f"{term.term['id']}: {why}")
         else:
             kept.append(term.term["id"])

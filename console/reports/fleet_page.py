@@ -20,9 +20,18 @@ from topdress.console.reports.html import (
     make_page,
 )
 from topdress.console.reports.numbers import format_fixed
-from topdress.control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, is_wearing
+from topdress.control.diagnosis.season.effect_timelines import (
+    InseparableLevels,
+    SeasonCause,
+    SeasonFit,
+    is_wearing,
+)
 from topdress.control.diagnosis.season.mixed import Alternative
-from topdress.control.diagnosis.season.season_cost import Low, MachineSeason, is_still_there
+from topdress.control.diagnosis.season.season_cost import (
+    LowHopperOperator,
+    MachineCost,
+    is_still_there,
+)
 from topdress.control.machine.machine import CATALOGUE
 from topdress.drivers import day_clock
 
@@ -40,10 +49,10 @@ FACTOR_NAMES = {
 
 
 def make_fleet_page(
-    machines: Sequence[MachineSeason],
+    machines: Sequence[MachineCost],
     fit: SeasonFit,
     *,
-    low: Sequence[Low],
+    low: Sequence[LowHopperOperator],
     units: Mapping[str, str],
     broken: Sequence[tuple[str, str]],
     price: float | None,
@@ -212,7 +221,7 @@ def find_member_title(name: str) -> str:
     return f"{title} {member}" if member else title
 
 
-def describe_costliest(one: MachineSeason) -> str:
+def describe_costliest(one: MachineCost) -> str:
     """Returns the costliest present cause of a machine, its own or shared; or its set of
     alternatives."""
     cause = next((cost.cause for cost in one.costs if is_still_there(cost.cause)), None)
@@ -222,7 +231,7 @@ def describe_costliest(one: MachineSeason) -> str:
     return name if cause.pieces else f"{_format_factor(cause)}: {name}"
 
 
-def describe_alternatives(cause: Cause) -> str:
+def describe_alternatives(cause: SeasonCause) -> str:
     """Returns a cause, or all alternatives with their probabilities."""
     if len(cause.alternatives) < 2:
         return find_member_title(cause.effect)
@@ -235,14 +244,14 @@ def describe_alternatives(cause: Cause) -> str:
     )
 
 
-def _format_factor(one: Cause | Alternative) -> str:
+def _format_factor(one: SeasonCause | Alternative) -> str:
     return f"{_(FACTOR_NAMES.get(one.factor, one.factor))} {one.level}".strip()
 
 
-def list_service_steps(machines: Sequence[MachineSeason]) -> list[str]:
+def list_service_steps(machines: Sequence[MachineCost]) -> list[str]:
     """Returns the steps of the next service, costliest first over all machines. A product's step is
     listed once; a set of alternatives is separated first."""
-    sums = dict[tuple[str, Cause], list[float]]()
+    sums = dict[tuple[str, SeasonCause], list[float]]()
     for one in machines:
         for cost in one.costs:
             if is_still_there(cost.cause):
@@ -260,14 +269,14 @@ def list_service_steps(machines: Sequence[MachineSeason]) -> list[str]:
     ]
 
 
-def _describe_advice(cause: Cause) -> str:
+def _describe_advice(cause: SeasonCause) -> str:
     """Returns the effect of a cause and its remedy; for alternatives each of them, to be checked in
     turn."""
     sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
-    sizes[cause.effect] = cause.now
+    sizes[cause.effect] = cause.final_size
     said = [
         describe_for_owner(effect, sizes[effect])
-        for effect in dict.fromkeys((cause.effect, *cause.alike))
+        for effect in dict.fromkeys((cause.effect, *cause.other_effects))
     ]
     if len(said) == 1:
         return said[0]
@@ -282,7 +291,7 @@ def describe_for_owner(effect: str, size: float) -> str:
     )
 
 
-def describe_course(course: Cause, unit: str, kg: str) -> str:
+def describe_course(course: SeasonCause, unit: str, kg: str) -> str:
     """Returns the time course of an effect over the season, in one sentence. `kg` is the mass that
     was misapplied because of it."""
     last = course.pieces[-1]
@@ -317,7 +326,7 @@ def describe_course(course: Cause, unit: str, kg: str) -> str:
     return said
 
 
-def describe_shared(one: Cause, units: Mapping[str, str]) -> str:
+def describe_shared(one: SeasonCause, units: Mapping[str, str]) -> str:
     """Returns a shared effect in one sentence."""
     said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
         factor=_format_factor(one),
@@ -334,7 +343,7 @@ def describe_shared(one: Cause, units: Mapping[str, str]) -> str:
     return said
 
 
-def describe_same(one: Same) -> str:
+def describe_same(one: InseparableLevels) -> str:
     """Returns two levels of a factor with the same logs, in one sentence."""
     return _(
         "{one} and {other} have the same logs: whose doing something is, they cannot tell"
@@ -349,7 +358,7 @@ def _translate_unit(effect: str, units: Mapping[str, str]) -> str:
     return _(unit) if unit else ""
 
 
-def describe_low_hopper(one: Low) -> str:
+def describe_low_hopper(one: LowHopperOperator) -> str:
     """Returns an operator who works with a nearly empty hopper, in one sentence."""
     return _(
         "operator {name} works {minutes} min an hour with the hopper nearly empty, the "
@@ -373,7 +382,7 @@ def describe_left_out(one: tuple[str, str]) -> str:
     ).format(path=path, date=date)
 
 
-def _format_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:
+def _format_machine(one: MachineCost, units: Mapping[str, str], number: int) -> str:
     pictures = [
         format_figure(
             _draw_course(
@@ -388,7 +397,7 @@ def _format_machine(one: MachineSeason, units: Mapping[str, str], number: int) -
     return format_section(one.machine, *pictures)
 
 
-def _draw_course(course: Cause, unit: str, kg: str) -> Picture:
+def _draw_course(course: SeasonCause, unit: str, kg: str) -> Picture:
     """Returns a picture of each log's size with its interval, and of the pieces of the
     time course."""
     said = describe_course(course, unit, kg)

@@ -18,7 +18,7 @@ from topdress.console.reports.binned import (
     calc_shown_share,
     find_telling_axis,
 )
-from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.on_log import LogPredictor
 from topdress.control.diagnosis.result import Cause
 from topdress.control.diagnosis.runs.channels import ChannelSeries, make_channels
 from topdress.control.diagnosis.runs.drives import Drive
@@ -212,7 +212,9 @@ def make_run_views(
     log = clean_run_log(columns)
     data = make_run_data(log, machine)
     found: list[ChannelView] = []
-    of_file = {} if file is None else OnLog(log, data, machine).predicted(file, parts=of_this_run)
+    of_file = (
+        {} if file is None else LogPredictor(log, data, machine).predict(file, parts=of_this_run)
+    )
     for name, channel in make_channels(data, machine).items():
         if name == "scale":
             found.append(
@@ -283,7 +285,7 @@ def _make_channel_view(
         heads = tuple(str(k + 1) for k in range(used.max() + 1))
         axes = {
             "head": Axis("head", member.astype(float) - 1.0, names=heads),
-            "ndvi": Axis("ndvi", np.tile(channel.grid.of(data.heads.mean), copies)),
+            "ndvi": Axis("ndvi", np.tile(channel.grid.interpolate(data.heads.mean), copies)),
             **axes,
         }
     return ChannelView(

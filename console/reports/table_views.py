@@ -12,7 +12,7 @@ import numpy.typing as npt
 from topdress.control.calibration.bench_table import BenchTable, select_usable_rows
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
 from topdress.control.diagnosis.result import Cause
-from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
+from topdress.control.diagnosis.tables.duplicate_rows import remove_duplicates
 from topdress.control.diagnosis.tables.rows import make_table_pieces
 from topdress.control.diagnosis.tables.table_series import (
     SizedEffect,
@@ -103,7 +103,7 @@ def make_table_views(
     )
     return tuple(
         _make_column_view(piece, machine, parts)
-        for table in without_duplicates(list(map(select_usable_rows, tables)), machine).tables
+        for table in remove_duplicates(list(map(select_usable_rows, tables)), machine).tables
         for piece in make_table_pieces(table, machine)
     )
 

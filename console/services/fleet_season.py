@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from topdress.control.diagnosis.season.effect_timelines import SeasonFit, fit_season
-from topdress.control.diagnosis.season.evidence import LogWork, OneLog
+from topdress.control.diagnosis.season.evidence import LogWork, SeasonLog
 from topdress.control.diagnosis.season.season_cost import (
-    Low,
-    MachineSeason,
-    OwnersLog,
+    LogCostInput,
+    LowHopperOperator,
+    MachineCost,
     find_low_hoppers,
     rank_machines_by_cost,
 )
@@ -40,10 +40,10 @@ class Season(NamedTuple):
     only time is that of their file.
     """
 
-    machines: tuple[MachineSeason, ...]
+    machines: tuple[MachineCost, ...]
     fit: SeasonFit
-    low: tuple[Low, ...]
-    logs: tuple[OwnersLog, ...]
+    low: tuple[LowHopperOperator, ...]
+    logs: tuple[LogCostInput, ...]
     units: Mapping[str, str]
     broken: tuple[tuple[str, str], ...]
     aside: tuple[MistimedLog, ...] = ()
@@ -65,11 +65,11 @@ def make_season(
             aside.append(MistimedLog(one["path"], _format_date(one["time_d"])))
     named = unify_spelling(timely)
     logs = [
-        OneLog(one["key"], one["unit"], one["time_d"], tuple(one["forms"]), one["shared"])
+        SeasonLog(one["key"], one["unit"], one["time_d"], tuple(one["forms"]), one["shared"])
         for one in named
     ]
     owners = [
-        OwnersLog(
+        LogCostInput(
             one["key"],
             one["unit"],
             one["time_d"],

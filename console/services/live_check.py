@@ -85,9 +85,9 @@ def follow_log(
             check = LiveCheck(load_log_machine(log, machine))
         pieces = list(_split_rows(rows))
         for k, piece in enumerate(pieces):
-            check.add(piece)
-            if check.due:
-                standing = check.look()
+            check.add_rows(piece)
+            if check.is_due:
+                standing = check.check_rows()
                 yield CheckResult(
                     check.now_s, standing, k == len(pieces) - 1 and not growing.behind
                 )
@@ -128,9 +128,9 @@ class _FileReporter:
 def _split_rows(rows: Columns) -> Iterator[Columns]:
     """Yields rows that arrived together in steps of `LOOK_S`, as they would have arrived."""
     import numpy as np
-    from topdress.control.diagnosis.live.watch import LOOK_S
+    from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S
 
-    looks = np.floor((rows["time_s"] - rows["time_s"][0]) / LOOK_S)
+    looks = np.floor((rows["time_s"] - rows["time_s"][0]) / CHECK_INTERVAL_S)
     begins = [0, *(np.flatnonzero(np.diff(looks)) + 1).tolist(), len(looks)]
     for begin, end in pairwise(begins):
         yield {name: array[begin:end] for name, array in rows.items()}

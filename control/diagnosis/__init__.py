@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_runs", "diagnose_tables", "extend"]
 
-_ENTRIES = {
+_ENTRY_MODULES = {
     "compared": ".runs.compared",
     "diagnose_run": ".runs.diagnose",
     "diagnose_runs": ".runs.several",
@@ -46,6 +46,6 @@ _ENTRIES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _ENTRIES:
+    if name not in _ENTRY_MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_ENTRIES[name], __name__), name)
+    return getattr(import_module(_ENTRY_MODULES[name], __name__), name)

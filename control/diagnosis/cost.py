@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topdress.control.diagnosis.effects import Costs
+from topdress.control.diagnosis.effects import CostKind
 from topdress.control.diagnosis.result import FieldCost
 from topdress.control.experiments.levels import USUAL_SPEED_MPS
 from topdress.control.machine.flow import FlowInput, FlowState, step_flow
@@ -21,9 +21,9 @@ from topdress.control.machine.speed import SpeedInput, make_speed_start, step_sp
 # Time over which the measured mass is integrated, s.
 STEP_S = 1.0
 # Causes are ordered by consequence: 0.1 m of position error counts as 1 % of rate error.
-METRES_OF_A_PERCENT = 10.0
+PERCENT_PER_METRE = 10.0
 # Costs of effects outside the machine model; the cost of a head's error depends on the crop.
-WITHOUT_MODEL = {Costs.CROP: FieldCost(None, None), Costs.NEITHER: FieldCost(0.0, 0.0)}
+COST_WITHOUT_MODEL = {CostKind.CROP: FieldCost(None, None), CostKind.NEITHER: FieldCost(0.0, 0.0)}
 
 
 class OperatingPoint(NamedTuple):
@@ -55,12 +55,12 @@ def integrate_dose_kg(machine: Machine, points: Sequence[OperatingPoint]) -> flo
         asked_of = FlowInput(point.shaft_rpm, point.opening_mm, point.pitch_deg)
         kg = step_flow(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
         left += kg
-        asked += kg * _reported_speed(machine, point)
-        reported += _reported_mass_kg(machine, point, kg)
+        asked += kg * _calc_speed_ratio(machine, point)
+        reported += _calc_measured_mass(machine, point, kg)
     return asked * left / reported if reported > 0.0 else asked
 
 
-def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
+def _calc_speed_ratio(machine: Machine, point: OperatingPoint) -> float:
     """Return measured over true speed, whichever of the two sensors control uses: an effect changes
     only one of them."""
     true = point.speed_mps
@@ -75,7 +75,7 @@ def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
     return reported.wheel_mps * reported.gnss_mps / true**2
 
 
-def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -> float:
+def _calc_measured_mass(machine: Machine, point: OperatingPoint, left_kg: float) -> float:
     """Return the mass that the scale reports when `left_kg` have left; 0 while nothing leaves."""
     if left_kg <= 0.0:
         return 0.0
@@ -86,7 +86,7 @@ def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -
     return before - after
 
 
-def rate_error_percent(
+def calc_rate_error(
     nominal: Machine,
     wanted: Sequence[OperatingPoint],
     changed: Machine,
@@ -102,9 +102,7 @@ def rate_error_percent(
     return 100.0 * (integrate_dose_kg(changed, applied) / asked - 1.0) if asked > 0.0 else None
 
 
-def find_consequence(cost: FieldCost) -> float:
+def calc_consequence(cost: FieldCost) -> float:
     """Return the consequence by which causes are ordered, % of the dose; an unknown cost counts as
     zero."""
-    return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(
-        cost.place_error_m or 0.0
-    )
+    return abs(cost.rate_error_percent or 0.0) + PERCENT_PER_METRE * abs(cost.place_error_m or 0.0)

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.result import load_notebook_room
+from topdress.control.diagnosis.result import load_notebook_module
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
 from topdress.control.machine.machine import Machine
 
@@ -32,10 +32,10 @@ class DataFrame(Protocol):
 LogTable = DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]] | npt.NDArray[Any]
 # Similarity of two names above which one is a misspelling: one wrong letter of ten, or two
 # exchanged, leave 0.9 of the letters (difflib's ratio).
-ALIKE = 0.85
+MIN_NAME_SIMILARITY = 0.85
 
-TIME = "time_s"
-COUNTS_S = {
+TIME_COLUMN = "time_s"
+COUNT_COLUMNS_S = {
     "time_ms": 1e-3,
     "time_us": 1e-6,
     "time_ns": 1e-9,
@@ -48,8 +48,8 @@ COUNTS_S = {
     "seconds": 1.0,
     "milliseconds": 1e-3,
 }
-DATES = ("time", "timestamp", "datetime", "date", "utc", "index")
-ALLOWED = (
+DATE_COLUMNS = ("time", "timestamp", "datetime", "date", "utc", "index")
+ALLOWED_TEXT = (
     "allowed: a pandas or polars DataFrame, a dict of equally long columns, a list of "
     "dicts, or an array with "
     "named fields"
@@ -60,7 +60,7 @@ def load_machine(machine: Machine | str) -> Machine:
     """Return a machine, or load the machine file of a path or a shipped name. Raises ValueError."""
     if isinstance(machine, Machine):
         return machine
-    found: Machine = load_notebook_room().load_named_machine(machine)
+    found: Machine = load_notebook_module().load_named_machine(machine)
     return found
 
 
@@ -76,7 +76,9 @@ def find_misspelt_columns(columns: Mapping[str, Any]) -> list[str]:
     missing = [name for name in COLUMNS if name not in columns]
     found = []
     for name in columns:
-        nearest = [] if name in COLUMNS else get_close_matches(name, missing, 1, ALIKE)
+        nearest = (
+            [] if name in COLUMNS else get_close_matches(name, missing, 1, MIN_NAME_SIMILARITY)
+        )
         found += [
             f"column {name} is no column of a run log and is taken as a further variable: "
             f"did you mean {nearest[0]}?"
@@ -98,9 +100,9 @@ def read_columns(data: LogTable) -> Columns:
     """
     named = _name_columns(data)
     if not named:
-        raise ValueError(f"no columns in the data: {ALLOWED}")
+        raise ValueError(f"no columns in the data: {ALLOWED_TEXT}")
     lengths = {name: len(values) for name, values in named.items()}
-    _equally_long(lengths)
+    _check_lengths(lengths)
     if not next(iter(lengths.values())):
         raise ValueError(f"column {next(iter(lengths))}: no rows: allowed is one row a reading")
     found = {
@@ -134,7 +136,7 @@ def _name_columns(data: Any) -> dict[str, Any]:
         return {name: np.array([row.get(name) for row in data], object) for name in names}
     shape = getattr(data, "shape", None)
     what = f"an array of shape {shape}" if shape is not None else f"a {type(data).__name__}"
-    raise ValueError(f"{what} has no names for its columns: {ALLOWED}")
+    raise ValueError(f"{what} has no names for its columns: {ALLOWED_TEXT}")
 
 
 def _read_data_frame(data: Any) -> dict[str, Any]:
@@ -147,7 +149,7 @@ def _read_data_frame(data: Any) -> dict[str, Any]:
     index = getattr(data, "index", None)
     if (
         index is not None
-        and not {TIME, *COUNTS_S, *DATES} & set(found)
+        and not {TIME_COLUMN, *COUNT_COLUMNS_S, *DATE_COLUMNS} & set(found)
         and np.issubdtype(getattr(index, "dtype", np.dtype(object)), np.datetime64)
     ):
         found["index"] = index.to_numpy()
@@ -180,13 +182,15 @@ def _read_column(name: str, values: Any) -> Any:
     return array
 
 
-def _equally_long(lengths: Mapping[str, int]) -> None:
+def _check_lengths(lengths: Mapping[str, int]) -> None:
     counts = list(lengths.values())
-    usual = lengths.get(TIME, max(set(counts), key=counts.count))
+    usual = lengths.get(TIME_COLUMN, max(set(counts), key=counts.count))
     for name, count in lengths.items():
         if count != usual:
             other = (
-                TIME if TIME in lengths else next(one for one, n in lengths.items() if n == usual)
+                TIME_COLUMN
+                if TIME_COLUMN in lengths
+                else next(one for one, n in lengths.items() if n == usual)
             )
             raise ValueError(
                 f"column {name}: {count} rows where {other} has {usual}: allowed is one "
@@ -214,7 +218,7 @@ def _convert_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | N
     there = [(row, value) for row, value in enumerate(array) if not _is_missing(value)]
     if not there:
         return None
-    if name in (TIME, *DATES) and not _is_number(there[0][1]):
+    if name in (TIME_COLUMN, *DATE_COLUMNS) and not _is_number(there[0][1]):
         return _convert_dates(name, array)
     numbers = np.full(len(array), np.nan)
     for row, value in there:
@@ -266,27 +270,29 @@ def _convert_dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _add_time_column(columns: Columns) -> Columns:
     """Return the columns with `time_s` in seconds. Raises ValueError where no column gives the
     time."""
-    if TIME in columns:
-        return columns | {TIME: _convert_to_seconds(columns[TIME])}
+    if TIME_COLUMN in columns:
+        return columns | {TIME_COLUMN: _convert_to_seconds(columns[TIME_COLUMN])}
     if "utc" in columns and columns["utc"].dtype == object:
         columns = columns | {"utc": _convert_dates("utc", columns["utc"])}
     dated = [
         name
-        for name in DATES
+        for name in DATE_COLUMNS
         if name in columns and np.issubdtype(columns[name].dtype, np.datetime64)
     ]
-    counted = [name for name in COUNTS_S if name in columns and columns[name].dtype == np.float64]
+    counted = [
+        name for name in COUNT_COLUMNS_S if name in columns and columns[name].dtype == np.float64
+    ]
     if dated:
         rest = {key: values for key, values in columns.items() if key != dated[0]}
-        return {TIME: _convert_to_seconds(columns[dated[0]]), **rest}
+        return {TIME_COLUMN: _convert_to_seconds(columns[dated[0]]), **rest}
     if counted:
         name = counted[0]
         rest = {key: values for key, values in columns.items() if key != name}
-        return {TIME: COUNTS_S[name] * columns[name], **rest}
+        return {TIME_COLUMN: COUNT_COLUMNS_S[name] * columns[name], **rest}
     raise ValueError(
-        f"column {TIME}: missing: a run log needs it; allowed in its place: "
-        f"{', '.join(COUNTS_S)}, or "
-        f"dates in {', '.join(DATES[:-1])} or the index"
+        f"column {TIME_COLUMN}: missing: a run log needs it; allowed in its place: "
+        f"{', '.join(COUNT_COLUMNS_S)}, or "
+        f"dates in {', '.join(DATE_COLUMNS[:-1])} or the index"
     )
 
 

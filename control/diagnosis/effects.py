@@ -46,7 +46,7 @@ class FoundBy(Enum):
     STEPS = "steps"
 
 
-class Needs(Enum):
+class LogRequirement(Enum):
     """Content that a run log must have for an effect to show."""
 
     # The hopper is refilled.
@@ -68,7 +68,7 @@ class Needs(Enum):
     MOVES = "moves"
 
 
-class Costs(Enum):
+class CostKind(Enum):
     """Kind of cost of an uncompensated effect in the field."""
 
     DOSE = "dose"
@@ -90,7 +90,7 @@ class EffectRow:
     # size.
     tried: tuple[float, ...] = ()
     found_by: FoundBy = FoundBy.SCAN
-    needs: tuple[Needs, ...] = ()
+    needs: tuple[LogRequirement, ...] = ()
     # Recorded variable over which the form may differ from the catalogue's.
     form_over: str = ""
     # Whether the size is the loss at the end of that variable, where a log rarely works.
@@ -103,9 +103,9 @@ class EffectRow:
     may_begin: bool = True
     # Whether the effect is a loss or an excess, which is never smaller than the machine file's.
     only_adds: bool = False
-    costs: Costs = Costs.DOSE
+    costs: CostKind = CostKind.DOSE
 
-    def on(self, machine: Machine) -> EffectRow:
+    def scale_to_machine(self, machine: Machine) -> EffectRow:
         """Return the row with sizes scaled to a machine's ranges."""
         scale = calc_size_scale(self.id, machine)
         tried = tuple(scale * size for size in self.tried)
@@ -136,7 +136,7 @@ class EffectRow:
     @property
     def move_shaped(self) -> bool:
         """Whether the effect shows at each move of a drive."""
-        return Needs.MOVES in self.needs
+        return LogRequirement.MOVES in self.needs
 
     @property
     def stage(self) -> str:
@@ -184,48 +184,48 @@ def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, 
 # moved stop. Supply: the droop from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on
 # its side. A blocked outlet is one of six.
 # Requirements of a delay of the shaft.
-MOVED = (Needs.MOVES, Needs.FINE_READINGS)
+DELAY_REQUIREMENTS = (LogRequirement.MOVES, LogRequirement.FINE_READINGS)
 SHAFT_GAIN = EffectRow("shaft.gain", 3.0, (0.5,), form_over="shaft_rpm", moves="gain_percent")
 SHAFT_SLOW = EffectRow(
     "shaft.slow",
     0.2,
     (0.03, 0.1, 0.3, 0.8),
-    needs=MOVED,
+    needs=DELAY_REQUIREMENTS,
     siblings=("shaft.dead_time",),
     moves="time_constant_s",
-    costs=Costs.PLACE,
+    costs=CostKind.PLACE,
 )
 SHAFT_DEAD_TIME = EffectRow(
     "shaft.dead_time",
     0.15,
     (0.03, 0.1, 0.25, 0.6),
-    needs=MOVED,
+    needs=DELAY_REQUIREMENTS,
     siblings=("shaft.slow",),
     moves="dead_time_s",
     only_adds=True,
-    costs=Costs.PLACE,
+    costs=CostKind.PLACE,
 )
 SHAFT_SECOND_ORDER = EffectRow(
     "shaft.second_order",
     0.1,
     (0.01, 0.04, 0.15, 0.5),
-    needs=MOVED,
+    needs=DELAY_REQUIREMENTS,
     # A coupling or a setting does not begin within a run.
     siblings=("shaft.dead_time",),
     may_begin=False,
     only_adds=True,
-    costs=Costs.PLACE,
+    costs=CostKind.PLACE,
 )
 SHAFT_RAMP = EffectRow(
     "shaft.ramp",
     0.5,
     (0.05, 0.2, 1.0, 4.0),
-    needs=(*MOVED, Needs.OPEN_LOOP),
+    needs=(*DELAY_REQUIREMENTS, LogRequirement.OPEN_LOOP),
     siblings=("shaft.slow",),
     # The ramp is a setting, or the machine file's own limit.
     may_begin=False,
     only_adds=True,
-    costs=Costs.PLACE,
+    costs=CostKind.PLACE,
 )
 SHAFT_DEAD_BAND = EffectRow(
     "shaft.dead_band", 20.0, (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), FoundBy.THRESHOLD
@@ -234,7 +234,7 @@ SHAFT_DEAD_ZONE = EffectRow(
     "shaft.dead_zone",
     10.0,
     (2.0, 8.0, 20.0, 40.0),
-    needs=(Needs.OPEN_LOOP,),
+    needs=(LogRequirement.OPEN_LOOP,),
     form_over="shaft_rpm",
     only_adds=True,
 )
@@ -242,7 +242,7 @@ SHAFT_SATURATION = EffectRow(
     "shaft.saturation",
     15.0,
     (3.0, 12.0, 30.0, 60.0),
-    needs=(Needs.OPEN_LOOP,),
+    needs=(LogRequirement.OPEN_LOOP,),
     form_over="shaft_rpm",
     at_end=True,
     only_adds=True,
@@ -251,38 +251,50 @@ SHAFT_NEUTRAL = EffectRow(
     "shaft.neutral",
     10.0,
     (0.5,),
-    needs=(Needs.OPEN_LOOP, Needs.OFF_ZERO),
+    needs=(LogRequirement.OPEN_LOOP, LogRequirement.OFF_ZERO),
     form_over="shaft_rpm",
     may_begin=False,
     # The neutral position is a setting, a trim.
 )
 SHAFT_BACK_GAIN = EffectRow(
-    "shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm"
+    "shaft.back_gain", 5.0, (0.5,), needs=(LogRequirement.BOTH_WAYS,), form_over="shaft_rpm"
 )
 SHAFT_BACK_ZONE = EffectRow(
-    "shaft.back_zone", 5.0, (0.5,), needs=(Needs.BOTH_WAYS, Needs.OPEN_LOOP), form_over="shaft_rpm"
+    "shaft.back_zone",
+    5.0,
+    (0.5,),
+    needs=(LogRequirement.BOTH_WAYS, LogRequirement.OPEN_LOOP),
+    form_over="shaft_rpm",
 )
 SHAFT_VOLTAGE_SAG = EffectRow("shaft.voltage_sag", 3.0, (0.5,), form_over="supply_v")
 SHAFT_LOAD_DROOP = EffectRow(
-    "shaft.load_droop", 6.0, (1.0,), needs=(Needs.OPENING,), form_over="opening_mm", at_end=True
+    "shaft.load_droop",
+    6.0,
+    (1.0,),
+    needs=(LogRequirement.OPENING,),
+    form_over="opening_mm",
+    at_end=True,
 )
 SHAFT_COARSE_ENCODER = EffectRow(
-    "shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=Costs.NEITHER
+    "shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=CostKind.NEITHER
 )
 SHAFT_STALL = EffectRow("shaft.stall", 1.0, found_by=FoundBy.STOP)
 GATE_OFFSET = EffectRow("gate.offset", 1.5, (0.1,), form_over="opening_mm")
 GATE_HOME_ERROR = EffectRow("gate.home_error", 1.5, (0.1,), form_over="opening_mm")
 GATE_BACKLASH = EffectRow(
-    "gate.backlash", 0.8, (0.02, 0.06, 0.15, 0.4, 1.0, 2.5), needs=(Needs.MOVES, Needs.OPENINGS)
+    "gate.backlash",
+    0.8,
+    (0.02, 0.06, 0.15, 0.4, 1.0, 2.5),
+    needs=(LogRequirement.MOVES, LogRequirement.OPENINGS),
 )
 GATE_LOST_STEPS = EffectRow("gate.lost_steps", 0.3, (0.02,), may_begin=False)
 GATE_SLOW = EffectRow(
     "gate.slow",
     8.0,
     (0.4, 1.5, 5.0, 10.0, 15.0),
-    needs=(Needs.MOVES, Needs.OPENINGS),
+    needs=(LogRequirement.MOVES, LogRequirement.OPENINGS),
     moves="slew_mm_s",
-    costs=Costs.PLACE,
+    costs=CostKind.PLACE,
 )
 GATE_STUCK = EffectRow("gate.stuck", 1.0, found_by=FoundBy.STOP)
 FLOW_GAIN = EffectRow("flow.gain", 6.0, (1.0,))
@@ -294,42 +306,42 @@ FLOW_HOPPER_HEAD = EffectRow("flow.hopper_head", 6.0, (1.0,), form_over="hopper_
 FLOW_MOISTURE_DRIFT = EffectRow(
     "flow.moisture_drift", 5.0, (1.0,), form_over="time_s", may_begin=False
 )
-FLOW_BATCH = EffectRow("flow.batch", 6.0, (1.0,), needs=(Needs.REFILL,), may_begin=False)
+FLOW_BATCH = EffectRow("flow.batch", 6.0, (1.0,), needs=(LogRequirement.REFILL,), may_begin=False)
 FLOW_BLOCKED_OUTLET = EffectRow("flow.blocked_outlet", 17.0, (2.0,), FoundBy.ONSET)
 FLOW_OUTLET_UNEVEN = EffectRow("flow.outlet_uneven", 6.0)
 FLOW_BRIDGING = EffectRow("flow.bridging", 10.0, found_by=FoundBy.STANDSTILL)
 FLOW_LEAK = EffectRow("flow.leak", 20.0, (1.0,))
 FLOW_SLOPE = EffectRow("flow.slope", 1.0, (0.2,), form_over="pitch_deg")
-FLOW_PULSATION = EffectRow("flow.pulsation", 10.0, costs=Costs.NEITHER)
+FLOW_PULSATION = EffectRow("flow.pulsation", 10.0, costs=CostKind.NEITHER)
 SCALE_GAIN = EffectRow("scale.gain", 4.0, (0.2,))
 SCALE_DRIFT = EffectRow("scale.drift", 3.0, (0.5,), form_over="time_s", may_begin=False)
 SCALE_TILT = EffectRow("scale.tilt", 0.5, (0.05,), form_over="pitch_deg")
 SPEED_WHEEL_SLIP = EffectRow("speed.wheel_slip", 4.0, (0.5,), form_over="pitch_deg", only_adds=True)
 SPEED_WHEEL_RADIUS = EffectRow("speed.wheel_radius", 3.0, (0.5,))
 SPEED_MISSED_PULSES = EffectRow("speed.missed_pulses", 5.0, (0.5,), FoundBy.DIPS)
-SPEED_GNSS_LATENCY = EffectRow("speed.gnss_latency", 0.3, (0.1, 0.3, 0.8), costs=Costs.PLACE)
-CANOPY_HEAD_FOULED = EffectRow("canopy.head_fouled", 8.0, (1.0,), costs=Costs.CROP)
-CANOPY_WARM_UP = EffectRow("canopy.warm_up", 8.0, costs=Costs.CROP)
-CANOPY_SATURATION = EffectRow("canopy.saturation", 8.0, costs=Costs.CROP)
-LAG_OFFSET = EffectRow("lag.offset", 0.2, costs=Costs.PLACE)
-LAG_REBOUND = EffectRow("lag.rebound", 0.2, only_adds=True, costs=Costs.PLACE)
-LAG_FIRST_FILL = EffectRow("lag.first_fill", 0.4, only_adds=True, costs=Costs.PLACE)
-LAG_ASYMMETRY = EffectRow("lag.asymmetry", 0.2, costs=Costs.PLACE)
-LAG_COARSE_CLOCK = EffectRow("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
-LAG_SPEED_SCALE = EffectRow("lag.speed_scale", 5.0, costs=Costs.PLACE)
-PLACE_LEVER_ARM = EffectRow("place.lever_arm", 1.0, costs=Costs.PLACE)
-PLACE_LATENCY = EffectRow("place.latency", 0.3, costs=Costs.PLACE)
+SPEED_GNSS_LATENCY = EffectRow("speed.gnss_latency", 0.3, (0.1, 0.3, 0.8), costs=CostKind.PLACE)
+CANOPY_HEAD_FOULED = EffectRow("canopy.head_fouled", 8.0, (1.0,), costs=CostKind.CROP)
+CANOPY_WARM_UP = EffectRow("canopy.warm_up", 8.0, costs=CostKind.CROP)
+CANOPY_SATURATION = EffectRow("canopy.saturation", 8.0, costs=CostKind.CROP)
+LAG_OFFSET = EffectRow("lag.offset", 0.2, costs=CostKind.PLACE)
+LAG_REBOUND = EffectRow("lag.rebound", 0.2, only_adds=True, costs=CostKind.PLACE)
+LAG_FIRST_FILL = EffectRow("lag.first_fill", 0.4, only_adds=True, costs=CostKind.PLACE)
+LAG_ASYMMETRY = EffectRow("lag.asymmetry", 0.2, costs=CostKind.PLACE)
+LAG_COARSE_CLOCK = EffectRow("lag.coarse_clock", 0.1, costs=CostKind.NEITHER)
+LAG_SPEED_SCALE = EffectRow("lag.speed_scale", 5.0, costs=CostKind.PLACE)
+PLACE_LEVER_ARM = EffectRow("place.lever_arm", 1.0, costs=CostKind.PLACE)
+PLACE_LATENCY = EffectRow("place.latency", 0.3, costs=CostKind.PLACE)
 # Effort: friction rises by some ten per cent before it is audible, drag as much; a missing load is
 # 100 %.
-EFFORT_FRICTION = EffectRow("effort.friction", 20.0, (5.0,), only_adds=True, costs=Costs.NEITHER)
-EFFORT_DRAG = EffectRow("effort.drag", 20.0, (5.0,), costs=Costs.NEITHER)
-EFFORT_LOAD = EffectRow("effort.load", 50.0, (10.0,), costs=Costs.NEITHER)
+EFFORT_FRICTION = EffectRow("effort.friction", 20.0, (5.0,), only_adds=True, costs=CostKind.NEITHER)
+EFFORT_DRAG = EffectRow("effort.drag", 20.0, (5.0,), costs=CostKind.NEITHER)
+EFFORT_LOAD = EffectRow("effort.load", 50.0, (10.0,), costs=CostKind.NEITHER)
 EFFORT_GATE_FRICTION = EffectRow(
-    "effort.gate_friction", 20.0, (5.0,), only_adds=True, costs=Costs.NEITHER
+    "effort.gate_friction", 20.0, (5.0,), only_adds=True, costs=CostKind.NEITHER
 )
-EFFORT_GATE_DRAG = EffectRow("effort.gate_drag", 20.0, (5.0,), costs=Costs.NEITHER)
+EFFORT_GATE_DRAG = EffectRow("effort.gate_drag", 20.0, (5.0,), costs=CostKind.NEITHER)
 
-ROWS: dict[str, EffectRow] = {
+EFFECT_ROWS: dict[str, EffectRow] = {
     row.id: row
     for row in (
         SHAFT_GAIN,
@@ -390,7 +402,7 @@ ROWS: dict[str, EffectRow] = {
         EFFORT_GATE_DRAG,
     )
 }
-_unmatched = sorted(set(ROWS) ^ set(CATALOGUE))
+_unmatched = sorted(set(EFFECT_ROWS) ^ set(CATALOGUE))
 if _unmatched:
     raise RuntimeError(f"effects without a row, or rows without an effect: {', '.join(_unmatched)}")
 
@@ -402,10 +414,12 @@ def find_size_range(effect_id: str, machine: Machine) -> SizeBounds:
     The model limits negative times to zero, so a larger size predicts the same.
     """
     low, high = find_size_bounds(effect_id, machine)
-    least = {"dead_time_s": 0.0, "time_constant_s": MIN_TIME_CONSTANT_S}.get(ROWS[effect_id].moves)
+    least = {"dead_time_s": 0.0, "time_constant_s": MIN_TIME_CONSTANT_S}.get(
+        EFFECT_ROWS[effect_id].moves
+    )
     if least is None:
         return SizeBounds(low, high)
     entry = CATALOGUE[effect_id]
     stage = getattr(machine, entry.stage)
-    total = getattr(stage, ROWS[effect_id].moves) + getattr(stage, entry.field)
+    total = getattr(stage, EFFECT_ROWS[effect_id].moves) + getattr(stage, entry.field)
     return SizeBounds(max(low, min(0.0, least - total)), high)

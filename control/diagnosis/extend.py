@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from topdress.control.diagnosis.dataframe_input import load_machine
-from topdress.control.diagnosis.effects import ROWS, find_size_range
+from topdress.control.diagnosis.effects import EFFECT_ROWS, find_size_range
 from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.history import append_history
@@ -77,7 +77,7 @@ def extend(
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in list_adoptable_causes(diagnosis):
-        if is_taken_whole(diagnosis, cause):
+        if is_in_drive_fit(diagnosis, cause):
             continue
         assert cause.size.value is not None
         machine = add_effect(machine, cause.id, _calc_total_size(machine, cause), cause.member)
@@ -112,7 +112,7 @@ def extend(
             )
         )
     terms = list(machine.terms)
-    for found in adoptable_terms(diagnosis):
+    for found in list_adoptable_terms(diagnosis):
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
         terms.append(
@@ -135,12 +135,12 @@ def find_free_id(name: str, taken: Sequence[str]) -> str:
     return free
 
 
-def adoptable_terms(diagnosis: Diagnosis) -> tuple[TermFound, ...]:
+def list_adoptable_terms(diagnosis: Diagnosis) -> tuple[TermFound, ...]:
     """Return the terms that a machine file may adopt."""
-    return tuple(found for found in diagnosis.terms if not term_not_adoptable(found))
+    return tuple(found for found in diagnosis.terms if not find_term_refusal(found))
 
 
-def term_not_adoptable(found: TermFound) -> str:
+def find_term_refusal(found: TermFound) -> str:
     """Return the reason why no machine file adopts a term; "" where one may."""
     if FORMS[found.term["form"]].one_run:
         return "it holds for a span of one run: the model stays"
@@ -152,19 +152,19 @@ def term_not_adoptable(found: TermFound) -> str:
 def list_adoptable_causes(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     """Return the causes that can be modelled from the start of a run: permanent effects with a
     size."""
-    return tuple(c for c in diagnosis.causes if not not_adoptable(c))
+    return tuple(c for c in diagnosis.causes if not find_cause_refusal(c))
 
 
-def is_taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
+def is_in_drive_fit(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Tell whether a cause's drive was fitted as a whole, which then includes the cause."""
     return (
         diagnosis.fitted is not None
         and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
-        and ROWS[cause.id].scanned
+        and EFFECT_ROWS[cause.id].scanned
     )
 
 
-def not_adoptable(cause: Cause) -> str:
+def find_cause_refusal(cause: Cause) -> str:
     """Return the reason why no machine file adopts a cause; "" where one may."""
     if cause.grows:
         return "grew during the run: repair it, the model stays"
@@ -177,7 +177,7 @@ def not_adoptable(cause: Cause) -> str:
     return "" if cause.size.value is not None else "its size is not known"
 
 
-def refuse_to_adopt(cause: Cause) -> None:
+def check_adoptable(cause: Cause) -> None:
     """Raise ValueError for an effect of one label or one table only (its scope), which does not
     hold for the machine."""
     if cause.scope is not None:

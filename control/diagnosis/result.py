@@ -14,7 +14,7 @@ CHANNELS = (*RUN_CHANNELS, "effort", "gate_effort", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
 # Module that draws pages and pictures, and loads the machine files that come with topdress.
-NOTEBOOK = "topdress.console.reports.notebook"
+NOTEBOOK_MODULE = "topdress.console.reports.notebook"
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +311,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Return verdict, causes, rival and gain in at most 15 lines."""
-        return str(load_notebook_room().summarise_diagnosis(self))
+        return str(load_notebook_module().summarise_diagnosis(self))
 
     def to_frame(self) -> Any:
         """Return the named causes as a data frame, a row each, of the log's library (pandas for
@@ -320,7 +320,7 @@ class Diagnosis:
         Columns: id, size, low, high (90 %), unit, probability, onset_s, rate_percent, advice.
         Raises ValueError, one line, where the library is not installed.
         """
-        return load_notebook_room().make_causes_frame(self)
+        return load_notebook_module().make_causes_frame(self)
 
     def residuals(self) -> Any:
         """Return measured and predicted values as a data frame of the log's library.
@@ -329,7 +329,7 @@ class Diagnosis:
         predicted (with the named causes), residual (measured minus predicted). Raises ValueError,
         one line, where the log is not available or the library is not installed.
         """
-        return load_notebook_room().make_residuals_frame(self)
+        return load_notebook_module().make_residuals_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis as JSON-compatible data, by the published contract."""
@@ -346,11 +346,11 @@ class Diagnosis:
 
         Raises ValueError, one line, where the log is not available.
         """
-        return load_notebook_room().draw_diagnosis(self)
+        return load_notebook_module().draw_diagnosis(self)
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows below a cell that ends with a diagnosis."""
-        return str(load_notebook_room().format_notebook_html(self))
+        return str(load_notebook_module().format_notebook_html(self))
 
 
 class Departure(NamedTuple):
@@ -373,14 +373,14 @@ class Departure(NamedTuple):
     unit: str = ""
 
 
-def load_notebook_room() -> Any:
+def load_notebook_module() -> Any:
     """Import the drawing module by name when it is first needed, because control does not depend on
     it.
 
     Raises ValueError, one line, where only `control` is installed.
     """
     try:
-        return import_module(NOTEBOOK)
+        return import_module(NOTEBOOK_MODULE)
     except ImportError as error:
         raise ValueError(
             f"pictures and shipped machines come with the whole of topdress: {error}"

@@ -2,7 +2,7 @@
 
 A measurement separates two hypotheses by d standard deviations. It decides between them where d
 is large enough for the evidence to reach the odds from which a cause is named
-(`judgement.prior.APART_SD`). First those are taken that settle most pairs of rivals a minute,
+(`judgement.prior.SEPARATION_SD`). First those are taken that settle most pairs of rivals a minute,
 the greedy rule of set cover (Chvatal, Mathematics of Operations Research 4, 1979); of equal
 ones, that which separates them furthest."""
 

@@ -1,5 +1,6 @@
-"""What lies along the way ahead? The field's edge, its headland, done ground, the map, the
-canopy."""
+"""What lies along the path ahead? The field's edge, its headland, ground that already has
+material, the map, the canopy.
+"""
 
 from __future__ import annotations
 
@@ -38,16 +39,16 @@ from topdress.control.targets.profile import (
 )
 from topdress.control.targets.section_ground import SectionsGround
 
-# Cell size of the bitmap of done ground, m.
+# Cell size of the coverage bitmap, m.
 CELL_M = 0.2
-# A rate that another controller reports as applied is valid for this long, s, as a target of such a
-# display.
+# Validity of a rate that another controller reports as applied, s: the same as for a target from
+# such a display.
 APPLIED_VALID_S = 2.0
 DOSE_PROFILE = ConstantProfile(Target(0.0, TargetSource.POINT))
 
 
 class WayAhead:
-    """Looks ahead once a tick, and then gives the profile of targets that holds."""
+    """Looks ahead once a tick, and then provides the profile of targets."""
 
     def __init__(
         self,
@@ -64,7 +65,7 @@ class WayAhead:
         done: DoneGround | None = None,
         steps: CompiledSteps | None = None,
     ) -> None:
-        """Starts without a view. steps: compiled, for long runs."""
+        """Creates the object before its first look. steps: compiled steps for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
         self.fence = fence
@@ -101,8 +102,8 @@ class WayAhead:
             geometry.heads_m,
             zone_map,
         )
-        # Set in the tick in which the place is known again: the way without a place on which
-        # material landed, m, and whether it is done ground now.
+        # Distance without a known position on which material landed, m, and whether that ground is
+        # done; set in the tick in which the position is known again.
         self.unplaced: tuple[float, bool] | None = None
         if done is not None:
             self.overlap.add_earlier_ground(done.raster, ours=False)
@@ -116,8 +117,8 @@ class WayAhead:
     def look_ahead(
         self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
     ) -> None:
-        """Looks ahead. Changes up to `fired_to_m` of the track have been made and keep their
-        place."""
+        """Looks ahead. Changes up to `fired_to_m` of the track were made and keep their
+        position."""
         self.heads.fuse_and_decide(m, sensed)
         self.outside_target.take_reading(m.rate_asked, m.time_s, sensed.speed_mps or 0.0)
         self._look_at_edges(sensed, fired_to_m)
@@ -125,7 +126,7 @@ class WayAhead:
         self._look_at_map(sensed, fired_to_m)
 
     def forget_view(self) -> None:
-        """Forgets what was seen ahead, because the position has jumped."""
+        """Clears the view ahead, because the position has jumped."""
         self.overlap.forget_view()
         self.sections.cancel_decisions()
         if self.map is not None:
@@ -145,7 +146,7 @@ class WayAhead:
     def _look_at_done(
         self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
     ) -> None:
-        """Records what lands here, and looks for done ground ahead."""
+        """Records material that lands here, and searches for done ground ahead."""
         place = None
         if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
@@ -196,7 +197,10 @@ class WayAhead:
         self, choices: Choices, may_outside: bool, spread_to_m: float = -inf
     ) -> TargetProfile:
         """Returns the profile of targets along the track: the chosen source, without done ground
-        and ground outside. spread_to_m: after reversing, nothing more before this place."""
+        and ground outside the field.
+
+        spread_to_m: after reversing, the profile is zero up to this position.
+        """
         wanted = self._choose_profile(choices.source, choices.manual_rate_kg_ha)
         by_section = self._is_switched_by_section(choices)
         if self._headland is not None and not (
@@ -214,12 +218,12 @@ class WayAhead:
         )
 
     def _is_switched_by_section(self, choices: Choices) -> bool:
-        """Returns whether each section is switched by its own strip instead of the whole
-        machine. Doses are always the whole machine's."""
+        """Returns whether each section is switched by its own strip of ground instead of the
+        whole machine. Doses always use the whole machine."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
     def make_sections_ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
-        """Returns the ground by which the sections are switched."""
+        """Returns the ground that decides on the sections."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
         return SectionsGround(
@@ -248,8 +252,7 @@ class WayAhead:
     def list_source_rates(
         self, sources: tuple[TargetSource, ...], manual_rate_kg_ha: float, track_m: float
     ) -> tuple[float | None, ...]:
-        """Returns the rate of each of these sources here, kg/ha, without the nudge; None: single
-        doses."""
+        """Returns the rate of each source here, kg/ha, without the nudge; None for single doses."""
         return tuple(
             [
                 None
@@ -267,8 +270,11 @@ class WayAhead:
         choices: Choices,
         may_outside: bool,
     ) -> bool | None:
-        """Returns whether material released now lands inside the field, of some section at
-        least; None where no field is known. stop: returns the lag of a stop, where that counts."""
+        """Returns whether material released now lands inside the field, from any section; None
+        where no field is known.
+
+        stop: returns the lag of a stop, where a stop is considered.
+        """
         sensed = moment.sensed
         if self.fence is None:
             return None
@@ -289,9 +295,9 @@ class WayAhead:
         )
 
     def is_done(self, place_m: float) -> bool:
-        """Returns whether a place of the track has its material."""
+        """Returns whether a position of the track already has material."""
         return not self.overlap.is_inside(place_m)
 
     def is_headland(self, place_m: float) -> bool:
-        """Returns whether a place of the track lies on a headland with its own rate."""
+        """Returns whether a position of the track is on a headland with its own rate."""
         return self._headland is not None and not self._headland.is_inside(place_m)

@@ -1,5 +1,6 @@
-"""Which NDVI do the canopy heads measure, and which rate follows? Their newest readings are
-fused, and decisions made."""
+"""Which NDVI do the canopy heads measure, and which rate follows? The newest readings are fused
+and converted to decisions.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ HEAD_LATENCY_S = 0.5
 
 
 class CanopyHeads:
-    """Fuses the heads of a run. `fused`: newest result; None before the first look. `by_map`:
+    """Fuses the heads of a run. `fused`: newest result; None before the first. `by_map`: whether
     the index map replaces the heads."""
 
     def __init__(
@@ -28,16 +29,15 @@ class CanopyHeads:
         heads_m: float = 0.0,
         zones: IndexMap | None = None,
     ) -> None:
-        """Starts without readings.
+        """Creates the object without readings.
 
         Parameters
         ----------
-        heads : number of heads.
-        decisions : turns samples into decided rates.
-        index : of the crop's rule; readings of another index are ignored.
-        under : index map that replaces silent heads.
-        heads_m : distance of the heads ahead of the outlets, m.
-        zones : factors of the rule by places."""
+        heads : number of heads. decisions : converts samples to decided rates. index : index of the
+        crop's rule; readings of another index are ignored. under : index map that replaces silent
+        heads. heads_m : distance of the heads ahead of the outlets, m. zones : factors of the rule
+        by position.
+        """
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
@@ -48,7 +48,7 @@ class CanopyHeads:
         self.by_map = False
 
     def fuse_and_decide(self, m: Measurements, sensed: Sensed) -> None:
-        """Fuses new readings and drops old ones; decides when a period has passed."""
+        """Fuses new readings, drops old readings, and decides at the end of a decision period."""
         if m.canopy_index != self._index:
             m = m._replace(ndvi=(None,) * len(m.ndvi))
         now = m.time_s
@@ -61,15 +61,14 @@ class CanopyHeads:
                 self.decisions.pause_sampling()
             else:
                 self._take_sample(self.fused.ndvi, fresh, sensed)
-        # Without a place the last zone holds.
+        # Without a known position the last zone continues.
         if self._zones is not None and (place := self._find_seen_place(sensed)) is not None:
             factor = self._zones.find_index(*place)
             self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide_stretch(sensed.track_m, now)
 
     def _take_sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
-        """Takes the heads' reading as a sample; where they are silent the map's value under
-        them."""
+        """Takes the heads' reading as a sample, or the map's value under silent heads."""
         place = None if self._under is None else self._find_seen_place(sensed)
         mapped = None if self._under is None or place is None else self._under.find_index(*place)
         self.by_map = read is None and mapped is not None
@@ -89,7 +88,7 @@ class CanopyHeads:
             )
 
     def _find_seen_place(self, sensed: Sensed) -> tuple[Place, float] | None:
-        """Returns the place that the heads look at, and the course; None without a place."""
+        """Returns the position under the heads, and the course; None without a known position."""
         if (
             not sensed.position_ok
             or sensed.east_m is None
@@ -103,7 +102,7 @@ class CanopyHeads:
 
     @property
     def valid_heads(self) -> int:
-        """Returns the number of heads that agree."""
+        """Returns the number of heads whose readings agree."""
         return self.fused.valid if self.fused else 0
 
     @property

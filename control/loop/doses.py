@@ -1,4 +1,6 @@
-"""Which dose is due in this tick of point mode? None outside the field, no plant twice."""
+"""Which dose is due in this tick of point mode? No dose is due outside the field, and no plant
+gets two doses.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ from topdress.control.targets.profile import Target
 
 
 class DosePlanner:
-    """Plans the doses of a run. `ahead_m`: distance ahead of the outlet of the newest dose's
-    plant when it was ordered, m."""
+    """Plans the doses of a run. `ahead_m`: distance of the newest dose's plant ahead of the
+    outlet at its order, m."""
 
     def __init__(
         self, machine: Machine, points: PointSource, ahead: WayAhead, limits: DriveLimits
@@ -35,7 +37,7 @@ class DosePlanner:
         self._limits = limits
 
     def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
-        """Takes the plants ahead; not in turns, not while reversing."""
+        """Adds the plants ahead, except in turns and while reversing."""
         place = None
         straight = abs(sensed.turn_deg_s) <= STRAIGHT_BELOW_DEG_S and not sensed.backwards
         if (
@@ -61,7 +63,7 @@ class DosePlanner:
 
     @property
     def threshold(self) -> DoseThreshold:
-        """Returns the learnt threshold."""
+        """Returns the learnt dose threshold."""
         return self.points.mode.threshold
 
     def are_chosen(self, choices: Choices) -> bool:
@@ -69,12 +71,12 @@ class DosePlanner:
         return choices.source is TargetSource.POINT
 
     def may_turn(self, now_s: float) -> bool:
-        """Returns whether an ordered dose may still be turning."""
+        """Returns whether the shaft may still be turning for an ordered dose."""
         return self.points.may_turn(now_s)
 
     def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
-        """Returns doses as the target where the next one would fall inside the field, nothing
-        outside."""
+        """Returns the target for doses: a dose where the next would land inside the field,
+        otherwise zero."""
         fence = self._ahead.fence
         if fence is None or may_outside:
             return DOSE_PROFILE.target
@@ -84,7 +86,7 @@ class DosePlanner:
     def find_due_dose(
         self, moment: Moment, choices: Choices, verdict: Verdict
     ) -> tuple[DoseOrder | None, list[str]]:
-        """Returns the dose to be commanded now, and doses and misses as events of the row."""
+        """Returns the dose for this tick, and doses and missed plants as events of the row."""
         sensed = moment.sensed
         at_work = verdict.state is State.WORKING and not self.is_dosed_earlier(
             sensed, choices.no_double
@@ -110,7 +112,7 @@ class DosePlanner:
         return dose, events
 
     def is_dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
-        """Returns whether the plant of a dose commanded now has its dose from an earlier part of
+        """Returns whether the plant of a dose commanded now got its dose in an earlier part of
         the job."""
         if (
             not no_double
@@ -141,7 +143,7 @@ class DosePlanner:
 
 
 class NoDosePlanner:
-    """Replaces `Doses` in a job without plants: no dose is ever due."""
+    """Replaces `DosePlanner` in a job without plants: no dose is ever due."""
 
     ahead_m = 0.0
     max_speed_mps = inf

@@ -1,5 +1,6 @@
-"""Does the metering drive work as hard as it should? A loop that holds its speed hides that.
-Pure."""
+"""Is the effort of the metering drive as expected? A control loop hides a change of effort.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -17,43 +18,47 @@ from topdress.control.readings import (
     find_valid_value,
 )
 
-# Time constant of the mean effort, s: 96 % of a step within the 10 s until it is reported.
+# Time constant of the mean effort, s: 96 % of a step within the 10 s before a report.
 EFFORT_MEAN_S = 3.0
 # Time constant of the drive's usual effort, s: its own error adds 0.5 % to the noise.
 USUAL_MEAN_S = 100.0 * EFFORT_MEAN_S
-# Turning time before the usual effort is trusted, s: its own error adds a tenth.
+# Turning time before the usual effort is trusted, s: its error then adds a tenth.
 USUAL_SETTLING_S = 10.0 * EFFORT_MEAN_S
 # Limit in standard deviations of the machine file's tolerance, which is the difference of healthy
-# drives from run to run (1.8 to 3.5 %: Cranfield's ball screw): one healthy drive of 740 exceeds it
-# until its own reference is measured.
+# drives between runs (1.8 to 3.5 %: Cranfield's ball screw). One healthy drive of 740 exceeds the
+# limit until its own reference is measured.
 MIN_TOLERANCE_SD = 3.0
 # Limit in standard deviations of the mean, by the machine file's noise of a reading (`calibrate
-# effort` takes it from the residuals of a healthy run). Chance alone exceeds it on either side
-# after MEAN_S sqrt(2 pi) exp(NOISE_SD^2 / 2) / NOISE_SD of turning on average (first passage of a
-# first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h; a season has some 300.
+# effort` estimates the noise from the residuals of a healthy run). By chance the mean exceeds the
+# limit on either side after MEAN_S sqrt(2 pi) exp(NOISE_SD^2 / 2) / NOISE_SD of turning on average
+# (first passage of a first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h; a season
+# has some 300.
 NOISE_LIMIT_SD = 6.0
-# Share of the bounds within which a finding ends: at the bound itself noise would flicker.
+# Share of the bounds below which a finding ends: at the bound itself noise would make the finding
+# flicker.
 HYSTERESIS_SHARE = 0.5
-# Turning time within these bounds until a finding ends, s.
+# Turning time within the reduced bounds after which a finding ends, s.
 RECOVERY_S = 5.0 * EFFORT_MEAN_S
-# Growth of a duty cycle as an unmeasured supply falls while the engine idles.
+# Relative increase of a duty cycle when an unmeasured supply voltage falls with the idling engine.
 IDLING_SUPPLY_SHARE = 1.2 / 12.3
-# Share of the material's load that separates loaded from unloaded: both errors are equally likely.
+# Share of the material's load that separates a loaded from an unloaded drive: both errors are then
+# equally likely.
 UNLOADED_SHARE = 0.5
 
 
 class EffortWatch:
-    """Watches the metering drive's effort. `says` is the present finding; `update` is called
-    once a tick.
+    """Monitors the metering drive's effort. `says` is the present finding; `update` is called once
+    a tick.
 
-    A sudden change is compared with this drive's last minutes; a constant error with the machine
-    file and its tolerances."""
+    A sudden change is compared with this drive's last minutes; a constant deviation with the
+    machine file and its tolerances.
+    """
 
     def __init__(self, machine: Machine) -> None:
         self._machine, self._tells = machine, machine.has_stage("effort")
         # Measured minus expected effort.
         self._off: float | None = None
-        # Mean of that as a share over minutes, and the turning time behind it, s.
+        # Mean of the relative difference over minutes, and the turning time behind it, s.
         self._usual = self._turned_s = 0.0
         # Time within the bounds since a finding, s.
         self._back_s = 0.0
@@ -63,7 +68,8 @@ class EffortWatch:
         self.finding = self._rests
 
     def update_watch(self, m: Measurements, c: Conditions, dt_s: float, turns: bool) -> None:
-        """Takes one tick. turns: material is to flow by a turning shaft; else nothing is judged."""
+        """Updates the monitor with one tick. turns: whether a turning shaft should meter
+        material; otherwise nothing is judged."""
         effort, rpm, opening_mm = (
             find_valid_value(read, m.time_s, VALID_FOR_S["shaft_effort"])
             if self._tells and turns
@@ -71,7 +77,7 @@ class EffortWatch:
             for read in (m.shaft_effort, m.shaft_rpm, m.opening_mm)
         )
         if effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
-            # A finding holds until the shaft turns again.
+            # A finding remains until the shaft turns again.
             self._off, self.finding = (
                 None,
                 self._rests._replace(
@@ -98,8 +104,8 @@ class EffortWatch:
         unknown = own.by_supply * IDLING_SUPPLY_SHARE * should if c.supply_v is None else 0.0
         keeps = HYSTERESIS_SHARE if self.finding.harder_percent or self.finding.unloaded else 1.0
         sudden = keeps * max(UNLOADED_SHARE * load, chance, unknown)
-        # Standard deviation of a healthy drive's effort: its parts within their tolerances, and
-        # its supply.
+        # Standard deviation of a healthy drive's effort, from its parameters within their
+        # tolerances and from its supply.
         sd = hypot(
             0.01 * machine.tolerance.effort_percent * hypot(friction, drag, load), 0.5 * unknown
         )
@@ -109,7 +115,7 @@ class EffortWatch:
         )
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
-        # While the shaft runs down at the end of a pass hardly anything shows.
+        # While the shaft decelerates at the end of a pass, the effort hardly shows a fault.
         self._back_s = 0.0 if high or low or keeps == 1.0 else self._back_s + dt_s
         harder_percent = 100.0 * max(off, off - usual) / max(should, 1e-9) if high else 0.0
         if 0.0 < self._back_s < RECOVERY_S:

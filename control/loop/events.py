@@ -1,23 +1,24 @@
-"""Which events does a row take? No event is longer, and no row has more, than readers of a log
-accept."""
+"""Which events does a log row contain? Events and rows are limited to the lengths that readers
+of a log accept.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 
-# Longest event, characters; an operator's mark may be as long.
+# Maximum length of an event, characters, which is also the maximum for an operator's mark.
 EVENT_CHARACTERS = 1_000
-# Greatest length of a row's events, characters, separators included: even if each were a comma, a
-# reader that looks for columns (2,000 at most) would accept the row.
+# Maximum length of a row's events, characters, separators included: even a row of commas would then
+# be accepted by a reader with at most 2,000 columns.
 ROW_CHARACTERS = 1_800
-# Greatest number of waiting events; of later ones only the number is kept.
+# Maximum number of waiting events; further events are only counted.
 MAX_WAITING = 1_000
 _CUT_MARK = "..."
 
 
 class EventQueue:
-    """Holds events until their row. `add` as they happen, `take_row_events` once a tick. They keep
-    their order; what one row cannot hold waits for the next."""
+    """Stores events until their row: `add_events` when they occur, `take_row_events` once a
+    tick. The order is kept; events that exceed a row wait for the next."""
 
     def __init__(self) -> None:
         self._waiting: deque[str] = deque()
@@ -39,7 +40,7 @@ class EventQueue:
                 )
 
     def take_row_events(self) -> list[str]:
-        """Returns the events that the next row takes."""
+        """Returns the events for the next row."""
         found: list[str] = []
         left = ROW_CHARACTERS
         while self._waiting and (left := left - len(self._waiting[0]) - 1) >= 0:

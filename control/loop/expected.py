@@ -1,5 +1,4 @@
-"""Where should shaft and gate be by now? The drives as the model knows them, with the untrimmed
-set-points."""
+"""Which shaft speed and opening are expected now? The model follows the untrimmed set-points."""
 
 from __future__ import annotations
 
@@ -16,17 +15,17 @@ from topdress.control.readings import DriveCommand
 
 
 class ExpectedDrives:
-    """Follows the drives in the model. `pair`: shaft speed and opening expected now."""
+    """Simulates the drives with the model. `pair`: shaft speed and opening expected now."""
 
     def __init__(self, machine: Machine, steps: CompiledSteps | None = None) -> None:
-        """Starts at rest. steps: compiled, for long runs."""
+        """Creates the drives at rest. steps: compiled steps for long runs."""
         self._machine = machine
         self._steps = steps
         self._drives: Any = None
         self.start_at(machine.set_points.opening_mm, 0.0)
 
     def start_at(self, opening_mm: float, now_s: float) -> None:
-        """Starts with a standing shaft and the gate at `opening_mm`."""
+        """Sets a standing shaft and the gate at `opening_mm`."""
         shaft, gate = make_shaft_start(0.0, now_s), make_gate_start(opening_mm, now_s)
         self._shaft, self._gate = (
             shaft._replace(line=convert_to_lists(shaft.line)),
@@ -44,8 +43,8 @@ class ExpectedDrives:
         dt_s: float,
         more: TermTotals = NO_TERMS,
     ) -> None:
-        """Advances the drives. `command`: without trims; `supply_v` None: not measured; `more`:
-        additions of the machine's terms."""
+        """Advances the drives. `command`: without trims; `supply_v`: None where not measured;
+        `more`: sums of the machine's terms."""
         if dt_s <= 0.0:
             return
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v

@@ -1,5 +1,6 @@
-"""Which terms of the machine file can control compensate, and what do they amount to at this
-tick's readings?"""
+"""Which terms of the machine file can control compensate, and what are their values in this
+tick?
+"""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ class KnownTerms:
         command: DriveCommand | None,
         dt_s: float,
     ) -> None:
-        """Advances the terms. `command`: in force until now; `since_s`: since the run began."""
+        """Advances the terms. `command`: in force until now; `since_s`: time since the run
+        began, s."""
         if not self._terms:
             return
         values = {
@@ -72,7 +74,7 @@ class KnownTerms:
 
     @property
     def drive_errors(self) -> TermTotals:
-        """Returns the errors of shaft and gate with their present commands."""
+        """Returns the errors of shaft and gate under their present commands."""
         return NO_TERMS if self.now is None else self.now.find_totals(DRIVE_TARGETS)
 
     def correct_weighing(self, scale: Reading | None) -> Reading | None:

@@ -1,5 +1,6 @@
-"""How far ahead must a change of the target be made? The answer to
-`targets.lag_correction.Reach`."""
+"""How far ahead must a change of the target be made? The class answers
+`targets.lag_correction.LookAheadReach`.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +9,13 @@ from topdress.control.machine.change_lag import ChangeLags, Lag, SettledPair
 from topdress.control.metering.setting import PairPlanner
 from topdress.control.targets.profile import Target, TargetChange
 
-# Changes are looked for this far ahead, s.
+# Maximum look-ahead time for changes, s.
 MAX_LOOK_AHEAD_S = 4.0
 
 
 class TickReach:
-    """Calculates lags and distances of one tick. opening_mm: expected now; `look_ahead` False:
-    changes are made at their place; open_share: of the working width."""
+    """Calculates lags and distances of one tick. opening_mm: expected now; `look_ahead`: False
+    makes changes at their position; open_share: open share of the working width."""
 
     def __init__(
         self,
@@ -31,11 +32,11 @@ class TickReach:
         self._opening_mm = opening_mm
         self._speed = moment.speed_mps
         self._ahead = moment.ahead
-        # Mean time for which a change waits for its tick, s.
+        # Mean waiting time of a change for its tick, s.
         self._half_tick_s = 0.5 * moment.dt_s
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
-        # Settled pair by rate: a tick needs the same rate several times.
+        # Settled pairs by rate, because a tick needs the same rate several times.
         self._kept: dict[float, SettledPair] = {}
         self.max_reach_m = self._speed * MAX_LOOK_AHEAD_S + 1.0 if look_ahead else 0.0
 
@@ -56,9 +57,11 @@ class TickReach:
         return self._ahead.predict_way_m(lag.total_s + self._half_tick_s)
 
     def find_switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
-        """Returns how far ahead material lands that is released from `in_s` on, m: `find_lag` of
-        the change that the flow makes then, of which `answers_s` pass before its release is
-        half-way."""
+        """Returns the landing distance ahead of material released from `in_s` on, m.
+
+        `find_lag` gives the lag of the change of flow; `answers_s` of it pass before the release is
+        half-way.
+        """
         if not self._look_ahead:
             return 0.0
         return self._ahead.predict_way_m(
@@ -66,7 +69,8 @@ class TickReach:
         )
 
     def find_small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
-        """Returns the lag of a small change from a rate; where that rate is 0, from another one."""
+        """Returns the lag of a small change from a rate, or, where that rate is 0, from another
+        rate."""
         held = self._find_settled(held_kg_ha)
         if held.shaft_rpm <= 0.0:
             held = self._find_settled(else_kg_ha)

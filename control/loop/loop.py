@@ -1,5 +1,6 @@
-"""What does control do in one tick? Measurements in, commands and a log row out. No clock, no
-port, no file."""
+"""Runs one tick of control: measurements in, commands and a log row out, without clock, port or
+file.
+"""
 
 from __future__ import annotations
 
@@ -76,14 +77,14 @@ from topdress.control.targets.point import DoseThreshold
 from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target, TargetChange
 
-# A longer tick counts as this, s.
+# Maximum length of a tick, s; a longer tick counts as this.
 MAX_TICK_S = 1.0
-# Ticks of a standing clock until no reading is trusted: half a second at 20 Hz, as long as a drive
-# may be silent.
+# Number of ticks with a stopped clock after which no reading is trusted: half a second at 20 Hz,
+# the permitted silence of a drive.
 MAX_STANDING_TICKS = 10
 # Time after START for which a crop outside its growth window is reported, s.
 GROWTH_REPORT_S = 15.0
-# Reasons why a rule's rate is 0.
+# Reasons for a rule's rate of 0.
 CANOPY_ZERO_REASONS = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
 SOURCES_OF_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 SOURCES_OF_ZERO = (
@@ -92,13 +93,13 @@ SOURCES_OF_ZERO = (
     TargetSource.FALLBACK,
     TargetSource.EXTERNAL,
 )
-# Below this speed, m/s, flow over speed is no meaningful rate.
+# Minimum speed for a rate calculated from flow over speed, m/s.
 MIN_RATE_SPEED_MPS = 0.3
 
 
 class ControlLoop:
-    """Controls one run of one machine on one job. `order` is called between ticks, `tick` once a
-    control period."""
+    """Controls one run of one machine on one job. `handle_order` is called between ticks,
+    `run_tick` once a control period."""
 
     def __init__(
         self,
@@ -124,17 +125,14 @@ class ControlLoop:
 
         Parameters
         ----------
-        machine, crop, rule, job : as their files say.
-        fence, headland : the field's edge, and the edge of a headland with its own rate.
-        has_work_switch : a work switch is fitted.
-        safety_limits : None: the published table.
-        prescription, points : sources of map mode and point mode.
-        obeyed : False where the drives follow other commands, as in a replayed log.
-        index_map : replaces silent heads.
-        zone_map : factors of the canopy's rule by places.
-        done : ground that others have covered.
-        steps : compiled, for long runs.
-        record_only : nothing is commanded; the work of another controller's machine is recorded."""
+        machine, crop, rule, job : content of their files. fence, headland : edge of the field, and
+        edge of a headland with its own rate. has_work_switch : whether a work switch is fitted.
+        safety_limits : None for the published table. prescription, points : sources of map mode and
+        point mode. obeyed : False where the drives follow other commands, as in a replayed log.
+        index_map : replaces silent heads. zone_map : factors of the canopy's rule by position. done
+        : ground that others have covered. steps : compiled steps for long runs. record_only :
+        whether only the work of another controller's machine is recorded, without commands.
+        """
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -195,7 +193,8 @@ class ControlLoop:
             most_kg_s=calc_flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm),
             scale=machine.scale,
         )
-        self._catch_test = find_newest_test_date(machine)  # until a fix says how old it is
+        # Unknown until a GNSS fix has a time.
+        self._catch_test = find_newest_test_date(machine)
         self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
         self._operator = Operator(
@@ -214,21 +213,24 @@ class ControlLoop:
             record_only=record_only,
         )
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
-        self._command: DriveCommand | None = None  # of the tick before
-        self._events = EventQueue()  # of the next rows
-        # epoch of the last GNSS place that was refused
+        # Command of the tick before.
+        self._command: DriveCommand | None = None
+        # Events of the next rows.
+        self._events = EventQueue()
+        # Time of the last refused GNSS position, s.
         self._refused_s: float | None = None
-        self._time_s: float | None = None  # of the tick before
-        self._standing = 0  # ticks since the clock last went on
+        # Time of the tick before, s.
+        self._time_s: float | None = None
+        # Number of ticks since the clock last advanced.
+        self._standing = 0
         self._started_s = 0.0
         self._metres_left_m: float | None = None
-        # when the tractor announced what the rows have
+        # Time of the tractor announcement that the rows already contain, s.
         self._announced_s: float | None = None
         self._growth = assess_growth(crop.growth_window, job.growth, rule.days)
         self._growth_reported_s = -inf
 
-    # -- the run
-    # ----------------------------------------------------------------------------------------------
+    # The following methods concern the whole run.
 
     @property
     def strategy(self) -> Strategy:
@@ -236,8 +238,8 @@ class ControlLoop:
 
     @property
     def totals(self) -> Totals:
-        """Returns area, product, nitrogen and uniformity so far. It takes some 50 us: not for
-        every tick."""
+        """Returns area, product, nitrogen and uniformity so far. The call takes some 50 us, too
+        long for every tick."""
         covered = self._ahead.overlap.covered_area
         totals = self._totals.make_totals()._replace(
             covered_ha=covered.area_ha,
@@ -248,20 +250,19 @@ class ControlLoop:
 
     @property
     def running_sums(self) -> TotalSums:
-        """Returns the sums with which a later loop continues the totals. It takes some 50 us:
-        not for every tick."""
+        """Returns the sums from which a later loop continues the totals. The call takes some 50
+        us, too long for every tick."""
         return self._totals.running_sums
 
     @property
     def plane(self) -> TangentPlane | None:
-        """Returns the plane of all places; None before the first fix where neither field nor map
-        has a plane."""
+        """Returns the tangent plane of all positions; None before the first fix where neither
+        field nor map has a plane."""
         return self._sensing.plane
 
     @property
     def dose_ahead_m(self) -> float:
-        """Returns how far ahead of the outlet the newest dose's plant stood when it was ordered,
-        m."""
+        """Returns the distance of the newest dose's plant ahead of the outlet at its order, m."""
         return self._doses.ahead_m
 
     @property
@@ -272,14 +273,14 @@ class ControlLoop:
     def resume_job(
         self, sums: TotalSums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0
     ) -> None:
-        """Resumes a job that was cut off, before the first tick.
+        """Resumes an interrupted job, before the first tick.
 
         Parameters
         ----------
-        sums : totals of the earlier parts.
-        done, plane : ground that they have spread, on `plane`.
-        after_cut_kg : part of the sums that was presumably released after the last row; the
-            first row reports it."""
+        sums : totals of the earlier parts. done, plane : ground that the earlier parts have spread,
+        on `plane`. after_cut_kg : part of the sums that was presumably released after the last row;
+        the first row reports this mass.
+        """
         self._totals = Totaliser(
             self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums
         )
@@ -296,25 +297,25 @@ class ControlLoop:
             self._events.add_events(f"released_after_cut {after_cut_kg:.3f}")
 
     def add_foreign_ground(self, done: Raster) -> None:
-        """Adds ground, on this loop's plane, that another job has spread: it counts to no total
-        here and gets no more."""
+        """Adds ground, on this loop's plane, that another job has spread. The ground does not
+        count in the totals and gets no more material."""
         self._ahead.overlap.add_earlier_ground(done, ours=False)
 
     def find_target(self, track_m: float) -> Target:
-        """Returns the target at a place of the track, field edge included: the rate that the
+        """Returns the target at a position of the track, field edge included: the rate that the
         ground should get."""
         return self._ahead.make_profile(
             self._operator.choices, self.safety.memory.allow.outside
         ).find_target(track_m)
 
     def add_event(self, event: str) -> None:
-        """Adds an event to the log that changes nothing."""
+        """Adds an event without effect to the log."""
         self._events.add_events(event)
 
     def handle_order(self, order: Order, by: str = "") -> Answer:
-        """Executes or refuses an order; `Answer.why` gives the reason. by: who ordered it,
-        written behind the order's event."""
-        # A mark is only a text in the log and can wait.
+        """Executes or refuses an order; `Answer.why` gives the reason. by: person who ordered,
+        appended to the order's event."""
+        # A mark is only a text in the log, so it can wait.
         if order.do is Do.MARK and self._events.is_full:
             return Answer(False, "busy")
         answer, event = self._operator.handle_order(order, self._time_s or 0.0)
@@ -326,20 +327,21 @@ class ControlLoop:
 
     def _begin_work(self) -> None:
         """Releases done ground, because the operator wants flow from here on. A crop outside the
-        stages of its rule is reported and stops nothing."""
+        growth stages of its rule is reported only."""
         if self._growth is not None and self._growth.is_outside:
             self._events.add_events(f"growth_stage_outside {self._growth.event_text}")
             self._growth_reported_s = self._time_s or 0.0
         self._backing.forget_landings()
         self._flow_trim.begin_work()
         self._near.record_start()
-        # Under a yearly ceiling no place gets material twice.
+        # Under a yearly ceiling no ground gets material twice.
         if self.job.nitrogen.year_max_kg_ha is None:
             self._ahead.overlap.record_start()
             self._ahead.sections.record_start()
 
     def _find_start_refusal(self) -> str:
-        """Returns why START is refused for reasons that safety does not know; empty: none."""
+        """Returns the reason why START is refused, apart from reasons of safety; "" for no
+        refusal."""
         if self.safety.memory.allow.map_elsewhere or self._ahead.map is None:
             return ""
         away_m = self._near.find_distance_m(self._operator.choices.source, self._sensed)
@@ -352,14 +354,13 @@ class ControlLoop:
             )
         )
 
-    # -- one tick
-    # ----------------------------------------------------------------------------------------------
+    # The following methods run one tick.
 
     def run_tick(
         self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True
     ) -> Tick:
-        """Runs one tick. console_age_s: since the operating console was heard; None: none is
-        needed. log_ok: rows reach the disk."""
+        """Runs one tick. console_age_s: time since the operating console was heard; None where
+        no console is required. log_ok: whether rows reach the disk."""
         moment = self._sense_and_look(m)
         decision = self._decide_pair(moment)
         metered = self._measure_flow(moment, decision)
@@ -389,7 +390,7 @@ class ControlLoop:
         return self._make_tick(moment, decision, metered, verdict, command)
 
     def _sense_and_look(self, m: Measurements) -> Moment:
-        """Finds place and speed of the machine, and what lies ahead."""
+        """Determines position and speed of the machine, and the ground ahead."""
         m, dt_s = self._check_clock(drop_impossible(m))
         sensed = self._sensing.sense_motion(m)
         self._sensed = sensed
@@ -410,9 +411,11 @@ class ControlLoop:
         return Moment(m, sensed, self._find_conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _check_clock(self, m: Measurements) -> tuple[Measurements, float]:
-        """Returns the measurements and the time since the last tick. A clock that goes backwards
-        or is no number stands still here. Readings do not age meanwhile: after `MAX_STANDING_TICKS`
-        none is trusted."""
+        """Returns the measurements and the time since the last tick.
+
+        If the clock goes backwards or is not a number, the time stands still. Readings do not age
+        meanwhile, so after `MAX_STANDING_TICKS` no reading is trusted.
+        """
         self._standing = (
             0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
         )
@@ -432,8 +435,8 @@ class ControlLoop:
         return m, dt_s
 
     def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
-        """Reports refused epochs as events; where a new place was accepted, the view ahead is
-        forgotten."""
+        """Reports refused epochs as events, and clears the view ahead after a jump of the
+        position."""
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
             self._events.add_events(f"position_refused {sensed.refused_m:.0f}")
@@ -443,15 +446,15 @@ class ControlLoop:
             self._queue.restart_queue(Target(0.0, self._operator.choices.source), sensed.track_m)
 
     def _note_unplaced(self) -> None:
-        """Reports material that was spread without a known place, in the row in which the place
-        is known again."""
+        """Reports material that was spread without a known position, in the row in which the
+        position is known again."""
         if self._ahead.unplaced is not None:
             way_m, is_done = self._ahead.unplaced
             event = "spread_unplaced" if is_done else "spread_unknown"
             self._events.add_events(f"{event} {way_m:.1f}")
 
     def _decide_pair(self, moment: Moment) -> TickDecision:
-        """Decides the target of the material released now, and the pair that meets it."""
+        """Decides the target of the material released now, and the set-points for it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
         reach = TickReach(
@@ -484,8 +487,8 @@ class ControlLoop:
         lag = reach.find_small_change_lag(
             self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha
         )
-        # Where the scale contradicts the flow, a drive's reading may be wrong, and its error is
-        # not compensated.
+        # Where the scale contradicts the flow, a drive's reading may be wrong, so its error is not
+        # compensated.
         left = (
             self._drive_trim.find_uncorrected(self._setting.strategy is Strategy.SPEED_FIRST)
             if self._flow_trim.is_scale_agreeing
@@ -517,7 +520,8 @@ class ControlLoop:
         )
 
     def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
-        """Returns what the machine spreads where its range does not reach the wanted rate."""
+        """Returns the rate that the machine spreads where its range does not include the wanted
+        rate; None within the range."""
         if decision.by_point:
             return None
         width_m = decision.open_share * self.machine.geometry.working_width_m
@@ -533,8 +537,8 @@ class ControlLoop:
     def _switch_sections(
         self, moment: Moment, holding: Target, reach: TickReach, by_point: bool
     ) -> float:
-        """Switches the sections, and returns the open share of the width at the time when a
-        set-point of now shows in the flow."""
+        """Switches the sections, and returns the open share of the width at the time at which a
+        present set-point shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
         if not sections.strips:
             return 1.0
@@ -564,8 +568,11 @@ class ControlLoop:
         return sections.find_share_at(now + answers_s)
 
     def _find_section_target(self, holding: Target, now_s: float, open_share: float) -> Target:
-        """Returns the target of the open sections: nothing where none is open or about to be;
-        the sections' rate where the map wants nothing under the machine's middle."""
+        """Returns the target of the open sections.
+
+        The target is zero where no section is open or about to open; it is the sections' rate where
+        the map is zero under the machine's middle.
+        """
         sections, field_map = self._ahead.sections, self._ahead.map
         if not (sections.is_any_decided or open_share or sections.find_share_at(now_s)):
             return Target(0.0, holding.source) if sections.is_any_inside(now_s) else OUTSIDE_TARGET
@@ -579,7 +586,7 @@ class ControlLoop:
         return Target(sections.find_map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
     def _measure_flow(self, moment: Moment, decision: TickDecision) -> Metered:
-        """Returns what leaves the outlets now."""
+        """Returns the material that leaves the outlets now."""
         m, c = moment.m, moment.conditions
         opening, flow = self._find_true_opening(m), None
         if m.shaft_rpm is not None and opening is not None:
@@ -606,7 +613,7 @@ class ControlLoop:
             return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
         share = self._ahead.sections.find_open_share(m.time_s)
         if share <= 0.0:
-            # A valve may stay open although it is commanded to close.
+            # A valve may stay open although its command is to close.
             share = calc_open_share(self.machine.switched_strips, m)
         return Metered(
             flow if share > 0.0 or flow is None else 0.0,
@@ -620,7 +627,7 @@ class ControlLoop:
     def _make_command(
         self, moment: Moment, decision: TickDecision, verdict: Verdict
     ) -> DriveCommand:
-        """Returns the command of the drives, through the last gate."""
+        """Returns the command of the drives after the last safety check."""
         if verdict.state is State.CALIBRATING:
             asked = self._make_bench_command()
         elif decision.by_point:
@@ -644,8 +651,8 @@ class ControlLoop:
     def _command_valves(
         self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand
     ) -> tuple[bool, ...]:
-        """Returns the command of the valves, through the last gate. None opens while nothing is
-        to flow; calibrating is done with all of them open."""
+        """Returns the command of the valves after the last safety check. All valves are closed
+        while no flow is wanted, and open during calibration."""
         sections, off, now = (
             self._ahead.sections,
             self._operator.choices.sections_off,
@@ -673,13 +680,13 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> None:
-        """Updates trims, expected drives and totals with what was commanded and measured."""
+        """Updates trims, expected drives and totals with the commands and measurements."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
         if self._ahead.hold is not None:
             self._ahead.hold.is_active = self._operator.choices.source is TargetSource.CANOPY
             self._ahead.hold.is_learning = verdict.state is State.WORKING
-        # With a stopped shaft the gate stays and nothing is trimmed.
+        # With a stopped shaft the gate stays and no trim is updated.
         if command.shaft_rpm > 0.0 and not calibrating:
             expected = self._expected.pair
             self._drive_trim.update_trims(
@@ -710,8 +717,8 @@ class ControlLoop:
         self._command = command
 
     def _update_scale(self, moment: Moment, metered: Metered, catching: bool) -> None:
-        """Compares the scale with the flow by the shaft's reading. catching: caught material may
-        be put back."""
+        """Compares the scale with the flow by the shaft's reading. catching: whether caught
+        material may be returned to the hopper."""
         m, now = moment.m, moment.m.time_s
         if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
             self._flow_trim.set_catch_test_age(
@@ -740,8 +747,8 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> None:
-        """Updates the totals: worked ground, and mass that leaves the machine although it is
-        commanded to stop."""
+        """Updates the totals: worked ground, and mass that leaves the machine despite a stop
+        command."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
         runs_out = (
             m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
@@ -772,8 +779,8 @@ class ControlLoop:
         self._stopped.record_command(now, command, verdict, self._expected.pair)
 
     def _update_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
-        """Adds ground to the mean of the canopy, without headlands with their own rate and
-        without ground done before."""
+        """Adds ground to the mean of the canopy, except headlands with their own rate and ground
+        done before."""
         hold, sensed = self._ahead.hold, moment.sensed
         if (
             hold is None
@@ -794,7 +801,7 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> Tick:
-        """Returns the row, and what the console shows."""
+        """Returns the row, and the content of the console."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
         ndvi = read_head_ndvi(moment.m)
         events = self._events.take_row_events()
@@ -843,11 +850,10 @@ class ControlLoop:
             effort=self._effort.finding,
         )
 
-    # -- parts of the steps
-    # ----------------------------------------------------------------------------------------
+    # The following methods are parts of the steps.
 
     def _find_planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
-        """Returns the job's speed plan of the present pass where the tractor announces none."""
+        """Returns the job's speed plan of the present pass, where the tractor announces none."""
         place = (
             None
             if sensed.east_m is None or sensed.north_m is None
@@ -859,7 +865,7 @@ class ControlLoop:
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
     def _describe_announcement(self, m: Measurements) -> str | None:
-        """Returns the words of an announcement that is new since the last row."""
+        """Returns the text of an announcement that is new since the last row."""
         if m.speed_told is None or m.speed_told.time_s == self._announced_s:
             return None
         self._announced_s = m.speed_told.time_s
@@ -881,8 +887,7 @@ class ControlLoop:
         )
 
     def _find_true_opening(self, m: Measurements) -> Reading | None:
-        """Returns the true opening: a sensor's offset in the machine file is subtracted from the
-        reading."""
+        """Returns the true opening: the reading minus the sensor's offset in the machine file."""
         read = m.opening_mm
         return (
             None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
@@ -891,8 +896,8 @@ class ControlLoop:
     def _convert_to_rate(
         self, flow_kg_s: float | None, speed_mps: float, open_share: float
     ) -> float | None:
-        """Converts a flow to a rate under the open width, kg/ha; None where it is unknown,
-        unless nothing flows."""
+        """Converts a flow to a rate under the open width, kg/ha; None where the speed is
+        unknown, unless the flow is zero."""
         if flow_kg_s is None:
             return None
         if speed_mps < MIN_RATE_SPEED_MPS or open_share <= 0.0:
@@ -910,8 +915,8 @@ class ControlLoop:
         return left_m if left_m < inf else None
 
     def _find_usable_mps(self, lag: Lag) -> float:
-        """Returns the highest speed at which a change is still made in time; infinity where none
-        is too high."""
+        """Returns the highest speed at which a change is still made in time, m/s; infinity where
+        any speed is low enough."""
         source = self._operator.choices.source
         if self._doses.are_chosen(self._operator.choices):
             return self._doses.max_speed_mps
@@ -962,8 +967,8 @@ class ControlLoop:
         return tuple(notes)
 
     def _list_zero_reasons(self, source: TargetSource) -> list[str]:
-        """Returns why the target is 0, where its source gives a reason. A canopy's reason is
-        that of its newest decision."""
+        """Returns the reasons for a target of 0, where its source gives a reason. A canopy's
+        reason is that of its newest decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
             why = (
@@ -981,15 +986,15 @@ class ControlLoop:
 
 
 def _find_stop_lag(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
-    """Returns the lag of a stop that is made here."""
+    """Returns the lag of a stop at this position."""
     return reach.find_lag(holding, TargetChange(sensed.track_m, OUTSIDE_TARGET))
 
 
 def _find_reckoning_limit_m(
     machine: Machine, prescription: MapProfile | None, points: PointSource | None
 ) -> float:
-    """Returns how inaccurate a reckoned place may be, m: half the width, or half a cell of the
-    map. Doses need a measured place."""
+    """Returns the maximum error of a dead-reckoned position, m: half the width, or half a cell
+    of the map. Doses require a measured position."""
     if points is not None:
         return 0.0
     cell_m = inf if prescription is None else prescription.prescription.cell_m
@@ -1003,8 +1008,8 @@ def _choose_plane(
     index_map: IndexMap | None,
     done: DoneGround | None,
 ) -> TangentPlane | None:
-    """Returns the plane of the plant list, else of the map, the field, the index map or the done
-    ground; None where none has one."""
+    """Returns the plane of the plant list, or else of the map, the field, the index map or the
+    done ground; None where none has a plane."""
     if points is not None and points.plane is not None:
         return points.plane
     if prescription is not None:

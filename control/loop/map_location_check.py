@@ -1,7 +1,9 @@
-"""Does the map lie where the machine works? A map elsewhere gives its outside rate everywhere.
+"""Is the map at the machine's location? A map of another location gives its outside rate
+everywhere.
 
-It is checked once for each START, at the first known place: from then on ground without a rate
-belongs to the map."""
+The map is checked once for each START, at the first known position; afterwards, ground without a
+rate is a property of the map.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +15,22 @@ from topdress.control.orders import MAP_SOURCES, State, TargetSource
 from topdress.control.sensing import Sensed
 from topdress.control.targets.prescription import Prescription
 
-# Distance within which the map is near, m: a machine next to its field, or on a headland that the
-# map leaves out.
+# Distance within which the map counts as near, m: a machine next to its field, or on a headland
+# that the map omits.
 NEAR_MAP_M = 50.0
 
 
 class MapLocation:
-    """Checks where the map lies. `elsewhere_m`: its distance from the machine at this START, m;
-    None: near, not used, or unknown."""
+    """Checks the location of the map. `elsewhere_m`: its distance from the machine at this
+    START, m; None for a near, unused or unknown map."""
 
     def __init__(self, prescription: Prescription | None, corners: Sequence[Place]) -> None:
-        """Starts unchecked. corners: of the job's field, on the map's plane; empty: no field is
-        known."""
+        """Creates the check. corners: of the job's field, on the map's plane; empty for an
+        unknown field."""
         self.elsewhere_m: float | None = None
         self._map = prescription
         self._field = Boundary(corners) if corners and prescription is not None else None
-        # Whether the map has a rate somewhere in the field.
+        # Whether the map has a rate anywhere in the field.
         self._covers_field: bool | None = None
         self._looked = False
 
@@ -37,7 +39,7 @@ class MapLocation:
         self.elsewhere_m, self._looked = None, False
 
     def check_location(self, state: State, source: TargetSource, sensed: Sensed) -> None:
-        """Checks the map once, at the first known place."""
+        """Checks the map once, at the first known position."""
         if (
             not self._looked
             and state is State.WORKING
@@ -49,8 +51,8 @@ class MapLocation:
             self.elsewhere_m = self.find_distance_m(source, sensed)
 
     def find_distance_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
-        """Returns the distance of a map that lies elsewhere, m; None: near, not used, or
-        unknown."""
+        """Returns the distance of a map at another location, m; None for a near, unused or
+        unknown map."""
         place = None if sensed is None else _find_place(sensed)
         if self._map is None or source not in MAP_SOURCES or place is None:
             return None

@@ -1,5 +1,6 @@
-"""What does each of the operator's orders to the loop change, and why is it refused? Orders of
-safety are passed on."""
+"""What does each of the operator's orders to the loop change, and why is it refused? Orders to
+safety are passed on.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +21,14 @@ from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, PointSource
 
 _SECTION_PATTERN = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 MAX_NUDGE_PERCENT = 30.0
-# A refill is recorded in steps of this, kg.
+# Resolution of a recorded refill, kg.
 REFILL_STEP_KG = 0.1
 ACCEPTED = Answer(True)
 
 
 class Operator:
-    """Holds the operator's choices. `started`: called when safety has accepted START;
-    `why_no_start`: returns why START is refused; empty: not refused."""
+    """Holds the operator's choices. `started`: called after safety has accepted START;
+    `why_no_start`: returns the reason why START is refused, or ""."""
 
     def __init__(
         self,
@@ -46,8 +47,8 @@ class Operator:
         why_no_start: Callable[[], str] = str,
         record_only: bool = False,
     ) -> None:
-        """Starts with the job's choices. hopper_kg: capacity of the hopper; a refill cannot be
-        more."""
+        """Creates the object with the job's choices. hopper_kg: capacity of the hopper, which
+        limits a refill."""
         self._record_only = record_only
         self.choices = Choices(
             TargetSource(job.target.source),
@@ -81,10 +82,9 @@ class Operator:
         )
 
     def handle_order(self, order: Order, now_s: float) -> tuple[Answer, str]:
-        """Executes or refuses an order; returns the answer and the row's event, empty where
-        there is none."""
+        """Executes or refuses an order; returns the answer and the row's event, "" for none."""
         before = self._safety.state
-        # Repeated orders mean that the button is still down.
+        # Repeated orders mean that the button is held down.
         held_down = (order.do is Do.CALIBRATE and before is State.CALIBRATING) or (
             order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)
         )
@@ -109,7 +109,7 @@ class Operator:
         return ACCEPTED
 
     def _handle_source(self, order: Order, now_s: float) -> Answer:
-        """Changes the source; map and point only where the job has them."""
+        """Changes the source; map and point require a job with them."""
         if order.value not in self.sources:
             return Answer(False, "source_not_ready")
         self.choices = self.choices._replace(source=TargetSource(str(order.value)))
@@ -145,7 +145,7 @@ class Operator:
         return ACCEPTED
 
     def _handle_section(self, order: Order, now_s: float) -> Answer:
-        """Closes a section by hand, or leaves it to the ground."""
+        """Closes a section by hand, or returns the section to automatic control."""
         found = _SECTION_PATTERN.fullmatch(order.value) if isinstance(order.value, str) else None
         if found is None:
             return Answer(False, "section_off_or_auto")
@@ -161,7 +161,8 @@ class Operator:
         return ACCEPTED
 
     def _handle_strip(self, order: Order, now_s: float) -> Answer:
-        """Takes a measured strip: it counts from the next decision on; earlier decisions stay."""
+        """Stores a measured strip, which applies from the next decision on; earlier decisions
+        stay."""
         strip = parse_strip(order.value)
         if strip is None:
             return Answer(False, "strip_out_of_range")
@@ -189,7 +190,7 @@ class Operator:
         return ACCEPTED if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
 
     def _handle_safety_order(self, order: Order, now_s: float, held_down: bool) -> Answer:
-        """Passes an order to safety, and does what an accepted one means here."""
+        """Passes an order to safety, and executes the effect of an accepted order here."""
         before = self._safety.state
         if self._record_only and order.do in (Do.READY, Do.START, Do.CALIBRATE):
             return Answer(False, "record_only")

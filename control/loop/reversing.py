@@ -1,5 +1,6 @@
-"""Where has material landed while the machine reverses without permission to spread? No ground
-is spread twice by itself."""
+"""Where has material landed while the machine reverses without permission to spread? The class
+prevents that ground is spread twice automatically.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +14,25 @@ from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
 
 
 class ReversingWatch:
-    """Watches the direction. `spread_to_m`: no more material up to this place of the track."""
+    """Monitors the direction. `spread_to_m`: no further material up to this position of the
+    track."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        # Whether the machine reversed at the last tick.
+        # Whether the machine reversed in the last tick.
         self._backed = False
-        # Farthest place at which material has landed, m.
+        # Farthest position at which material has landed, m.
         self._landed_to_m = -inf
-        # That place when the machine last changed its direction, m.
+        # That position at the last change of direction, m.
         self.spread_to_m = -inf
 
     def forget_landings(self) -> None:
-        """Forgets landed material, because the operator wants flow from here on or the machine
-        has left its line."""
+        """Clears the landed material, because the operator wants flow from here on or the
+        machine has left its line."""
         self._landed_to_m = self.spread_to_m = -inf
 
     def update_direction(self, sensed: Sensed, may_reverse: bool) -> bool:
-        """Returns whether the machine has changed its direction and may not spread while
+        """Returns whether the machine has changed its direction and must not spread while
         reversing."""
         if abs(sensed.turn_deg_s) > STRAIGHT_BELOW_DEG_S:
             self.forget_landings()
@@ -41,7 +43,7 @@ class ReversingWatch:
         return turned_round
 
     def note_landing(self, shaft_rpm: Reading | None, sensed: Sensed) -> None:
-        """Records where material released now lands, a drop time later."""
+        """Records the landing position of material released now, a drop time later."""
         if shaft_rpm is None or not shaft_rpm.value >= 0.5 * self._machine.limits.shaft_low_rpm:
             return
         falls_s = calc_drop_s(self._machine.fall, shaft_rpm.value)

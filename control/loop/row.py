@@ -1,4 +1,6 @@
-"""What stands in the log row of a tick? The valid sensor readings, and the results of the tick."""
+"""What does the log row of a tick contain? The valid sensor readings, and the results of the
+tick.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from topdress.control.readings import DriveCommand, Measurements, find_valid_val
 from topdress.control.safety import Verdict
 
 HEAD_SILENT_S = VALID_FOR_S["ndvi_1"]
-# Empty cells of six heads and their decided NDVI.
+# Empty cells for six heads and their decided NDVI.
 _SILENT_CELLS = (None,) * 7
 
 
@@ -29,7 +31,7 @@ def make_log_row(
     speed_told: str | None,
 ) -> LogRow:
     """Returns the row of one tick; times count from `started_s`; heads: from `head_ndvi`. A
-    refused GNSS place is left out."""
+    refused GNSS position is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
     fix = (
@@ -93,5 +95,5 @@ def make_log_row(
 
 
 def read_head_ndvi(m: Measurements) -> tuple[float | None, ...]:
-    """Returns the reading of each head; None: silent."""
+    """Returns the reading of each head; None for a silent head."""
     return tuple([find_valid_value(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])

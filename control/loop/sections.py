@@ -1,9 +1,10 @@
 """Which sections are on when material released then lands, and when do their valves switch?
 
-Every switch is decided `prepare_s` before it is to take effect at the valves: the slowest valve
-and the shaft answer within that time. Then each acts in its own time, so that the valve and the
-flow of the open outlets arrive together. The ground is judged where material that passes the
-valve at that moment will land."""
+Every switch is decided `prepare_s` before its effect at the valves, because the slowest valve and
+the shaft answer within that time. Each then acts with its own lead, so that the valve and the flow
+of the open outlets arrive together. The ground is judged at the landing position of material that
+passes the valve at that moment.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +25,11 @@ from topdress.control.targets.section_ground import (
     SectionsGround,
 )
 
-# Reasons of a closed section besides those of `targets.section_ground`.
+# Reasons for a closed section besides those of `targets.section_ground`.
 WHY_BY_HAND, WHY_NO_FLOW = "hand", "no_flow"
-# Least way between two switches of a section, m: shorter stretches are cut corners.
+# Minimum distance between two switches of a section, m: shorter stretches are cut corners.
 MIN_STRETCH_M = 0.5
-# In sharper turns, degrees/m, the place ahead lies on the arc.
+# In sharper turns, degrees/m, the position ahead is on the arc.
 SHARP_TURN_DEG_M = 2.0
 # Times closer than this are equal, s.
 TIME_TOLERANCE_S = 1e-6
@@ -38,29 +39,33 @@ class SectionLeads(NamedTuple):
     """Holds how far ahead of the outlets material released `prepare_s` from now lands, m."""
 
     running_m: float
-    # Where the first section opens, the shaft begins to turn.
+    # Distance where the first section opens and the shaft starts to turn.
     start_m: float
-    # Where the last section closes, the shaft stops.
+    # Distance where the last section closes and the shaft stops.
     stop_m: float
 
 
 class _SwitchTime(NamedTuple):
-    """Holds a state of the valve from `from_s` on."""
+    """Holds a state of the valve from `from_s` on, s."""
 
     from_s: float
     on: bool
 
 
 class _SectionSwitch:
-    """Holds one section: the decisions, the commands of its valve, and its present state."""
+    """Holds one section: its decisions, the commands of its valve, and its present state."""
 
     def __init__(self, open_s: float, close_s: float) -> None:
         self.open_s, self.close_s = open_s, close_s
-        self.why = WHY_NO_FLOW  # of the newest decision
-        self.inside = False  # the newest decision is not outside the field
-        self.planned: deque[_SwitchTime] = deque([_SwitchTime(-inf, False)])  # decided
-        self.stands: deque[_SwitchTime] = deque([_SwitchTime(-inf, False)])  # as commanded
-        # place of the track from which the newest decision holds
+        # Reason of the newest decision.
+        self.why = WHY_NO_FLOW
+        # Whether the newest decision is inside the field.
+        self.inside = False
+        # Decided states.
+        self.planned: deque[_SwitchTime] = deque([_SwitchTime(-inf, False)])
+        # Commanded states.
+        self.stands: deque[_SwitchTime] = deque([_SwitchTime(-inf, False)])
+        # Position of the track from which the newest decision applies, m.
         self.switched_m = -inf
 
     @property
@@ -79,7 +84,7 @@ class _SectionSwitch:
                 turns.popleft()
 
     def is_valve_wanted(self, by_s: float) -> bool:
-        """Returns the command of the valve by then, so that it arrives in time."""
+        """Returns the command of the valve at a time, such that the valve arrives in time."""
         return next(
             turn.on
             for turn in reversed(self.planned)
@@ -96,9 +101,11 @@ def _is_on_at(turns: deque[_SwitchTime], time_s: float) -> bool:
 
 
 class SectionControl:
-    """Switches the sections of a run. In each tick: `decide`, `find_share_at`, `find_valves`,
-    `record_commands`. A machine without valves has no strips: it is open over its whole width, and
-    nothing is decided."""
+    """Switches the sections of a run. The order in each tick is `decide_switches`, `find_share_at`,
+    `find_valves`, `record_commands`.
+
+    A machine without valves has no strips: it is open over its whole width, and nothing is decided.
+    """
 
     def __init__(self, machine: Machine, overlap_percent: float, edge_m: float) -> None:
         shaft = machine.shaft
@@ -121,17 +128,16 @@ class SectionControl:
         self._judged_at: tuple[Place, float] | None = None
         self._backwards = False
 
-    # -- what is decided
-    # -------------------------------------------------------------------------------------------
+    # The following methods decide.
 
     def record_start(self) -> None:
-        """Releases the ground under the machine that was done in this run, because the operator
+        """Releases ground under the machine that was done in this run, because the operator
         wants flow."""
         self._started = [True] * len(self.strips)
 
     def cancel_decisions(self) -> None:
         """Cancels all decisions, because the position has jumped or the direction has changed.
-        All sections are off until they are decided anew."""
+        All sections are off until the next decisions."""
         for one in self._switches:
             one.planned = deque([_SwitchTime(-inf, False)])
             one.inside, one.switched_m = False, -inf
@@ -141,7 +147,7 @@ class SectionControl:
         return not self.strips or any(one.is_decided_on for one in self._switches)
 
     def mark_started(self, ground: SectionsGround) -> SectionsGround:
-        """Returns the ground with the operator's START."""
+        """Returns the ground with the operator's START marked."""
         return ground._replace(started=tuple(self._started))
 
     def decide_switches(
@@ -153,9 +159,11 @@ class SectionControl:
         off_by_hand: tuple[int, ...],
         everywhere: bool = False,
     ) -> None:
-        """Judges the ground at the landing place and switches the sections. off_by_hand:
-        sections counted from 1, left to right. `everywhere`: the ground does not count (point
-        mode)."""
+        """Judges the ground at the landing position and switches the sections.
+
+        off_by_hand: sections counted from 1, left to right. `everywhere`: whether the ground is
+        ignored (point mode).
+        """
         now = sensed.time_s
         if sensed.backwards is not self._backwards:
             self._backwards = sensed.backwards
@@ -180,7 +188,7 @@ class SectionControl:
     def _judge_ground(
         self, sensed: Sensed, leads: SectionLeads, ground: SectionsGround, everywhere: bool
     ) -> tuple[tuple[JudgedStrip, ...], float]:
-        """Returns the verdict on every section, and how far ahead it holds, m."""
+        """Returns the verdict on every section, and the distance ahead at which it applies, m."""
         self._judged_at = None
         if everywhere:
             return (JudgedStrip(True, "", 0.0, False),) * len(self.strips), leads.running_m
@@ -222,7 +230,7 @@ class SectionControl:
         return self._ground.judge_sections(place, sensed.heading_deg + turned, ground)
 
     def find_map_rate_kg_ha(self, rates: SectionRates) -> float:
-        """Returns the mean rate of a map under the open sections at the judged place, kg/ha."""
+        """Returns the mean rate of a map under the open sections at the judged position, kg/ha."""
         if self._judged_at is None:
             return 0.0
         return self._ground.find_mean_rate_kg_ha(
@@ -230,26 +238,25 @@ class SectionControl:
         )
 
     def is_any_inside(self, now_s: float) -> bool:
-        """Returns whether some section is inside the field or about to be, so that material
+        """Returns whether any section is inside the field or about to enter, so that material
         flowing now lands inside."""
         return not self.strips or any(
             one.inside or _is_on_at(one.planned, now_s) for one in self._switches
         )
 
-    # -- what follows from it
-    # --------------------------------------------------------------------------------------
+    # The following methods convert the decisions to commands.
 
     def find_metering_s(self, by_shaft: bool, standing: bool, opening_mm: float) -> float:
-        """Returns the time from a new set-point until the flow is half-way there, s: the lead of
-        the metering over a switch."""
+        """Returns the time from a new set-point until half of the change of flow, s: the lead of
+        the metering before a switch."""
         if by_shaft or standing:
             return self.shaft_answers_s
         move_mm = opening_mm / max(1, sum(one.is_decided_on for one in self._switches))
         return min(self.prepare_s, self._gate_dead_s + 0.5 * move_mm / self._slew_mm_s)
 
     def find_share_at(self, time_s: float) -> float:
-        """Returns the share of the working width that is to be open at a time, at most
-        `prepare_s` ahead."""
+        """Returns the planned open share of the working width at a time, at most `prepare_s`
+        ahead."""
         return (
             sum(
                 strip.share
@@ -270,7 +277,7 @@ class SectionControl:
         )
 
     def record_commands(self, now_s: float, valves: tuple[bool, ...]) -> None:
-        """Records the commands of the valves after the last gate."""
+        """Records the commands of the valves after the last safety check."""
         for one, on in zip(self._switches, valves, strict=True):
             one.record_command(now_s, on)
 

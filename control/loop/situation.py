@@ -1,4 +1,4 @@
-"""What does safety need to know of a tick?"""
+"""Which facts of a tick does safety need?"""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def make_situation(
     outside_target: ExternalTarget,
     range_breach: RangeBreach | None,
 ) -> Situation:
-    """Returns the situation of this tick. `between_doses`: a rate is meaningless there, and left
-    out."""
+    """Returns the situation of this tick. `between_doses`: rates are meaningless between doses,
+    and left out."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in CANOPY_SOURCES
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []

@@ -15,8 +15,8 @@ from topdress.control.targets.lag_correction import FiredChange
 
 
 class Tick(NamedTuple):
-    """Holds the parts of a tick as they were made. What the console's frame shows has the same
-    name here."""
+    """Holds the results of the steps of a tick. Fields that the console's frame shows have the
+    same name there."""
 
     row: LogRow
     command: DriveCommand
@@ -26,23 +26,29 @@ class Tick(NamedTuple):
     allow: Allowances
     fired: tuple[FiredChange, ...]
     notes: tuple[str, ...]
-    dropped_heads: tuple[int, ...]  # 1-based
-    # as many as there are heads, left to right; None: silent
+    # Numbers of the ignored heads, from 1.
+    dropped_heads: tuple[int, ...]
+    # Reading of each head, left to right; None for a silent head.
     head_ndvi: tuple[float | None, ...]
     metres_left_m: float | None
-    # highest usable speed, where the present one is above it
+    # Highest usable speed, where the present speed is higher, m/s.
     usable_speed_mps: float | None
     area_ha: float
     applied_kg: float
-    bench: BenchRun | None  # while calibrating
-    threshold_m: float | None  # of point mode, as learned, at this speed
-    # left to right; empty where the machine has no valves
+    # Present while calibrating.
+    bench: BenchRun | None
+    # Learnt threshold of point mode at this speed, m.
+    threshold_m: float | None
+    # Sections from left to right; empty for a machine without valves.
     sections: tuple[SectionState, ...]
-    strips: Strips  # N-rich and farmer check, as they count now
-    sources: tuple[TargetSource, ...]  # of the target, that the job has
-    # what each of `sources` gives here, kg/ha, without the nudge; None: single doses
+    # N-rich strip and farmer check as they apply now.
+    strips: Strips
+    # Sources of the target that the job has.
+    sources: tuple[TargetSource, ...]
+    # Rate of each source here, kg/ha, without the nudge; None for single doses.
     source_rates: tuple[float | None, ...]
-    effort: EffortFinding  # of the metering drive
+    # Finding on the metering drive's effort.
+    effort: EffortFinding
 
     @property
     def is_enabled(self) -> bool:
@@ -61,7 +67,7 @@ class Tick(NamedTuple):
 
     @property
     def why_state(self) -> str:
-        """Returns the reason of the state: an order, an alarm id, or one of STATE_REASONS."""
+        """Returns the reason for the state: an order, an alarm id, or one of STATE_REASONS."""
         return self.verdict.why_state
 
     @property
@@ -70,19 +76,19 @@ class Tick(NamedTuple):
 
     @property
     def gnss_hz(self) -> float | None:
-        """Returns the observed rate of GNSS epochs, Hz; None: silent."""
+        """Returns the observed rate of GNSS epochs, Hz; None for a silent receiver."""
         return 1.0 / self.sensed.gnss_period_s if self.sensed.gnss_age_s is not None else None
 
     @property
     def place_m(self) -> tuple[float, float] | None:
-        """Returns the place of the outlets, east and north, m."""
+        """Returns the position of the outlets, east and north, m."""
         east, north = self.sensed.east_m, self.sensed.north_m
         return None if east is None or north is None else (east, north)
 
     @property
     def ordered_source(self) -> str:
-        """Returns the source of the target that the operator ordered; the row has the source
-        that replaces it where it is silent."""
+        """Returns the source of the target that the operator ordered; the row has its
+        replacement where the source is silent."""
         return self.choices.source.value
 
     @property

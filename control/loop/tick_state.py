@@ -1,4 +1,4 @@
-"""Which values do the steps of a tick pass on to each other? All of them are frozen."""
+"""Which values do the steps of a tick pass to each other? All of them are frozen."""
 
 from __future__ import annotations
 
@@ -15,56 +15,67 @@ from topdress.control.targets.profile import Target
 
 
 class Choices(NamedTuple):
-    """Holds the operator's choices; at first they are the job's."""
+    """Holds the operator's choices, which start as the job's."""
 
     source: TargetSource
     manual_rate_kg_ha: float
     look_ahead: bool
     flow_trim_on: bool
-    no_double: bool  # ground that has its material gets no more
+    # Whether ground that already has material gets no more.
+    no_double: bool
     nudge_percent: float = 0.0
-    sections_off: tuple[int, ...] = ()  # by hand, counted from 1, left to right
+    # Sections closed by hand, counted from 1, left to right.
+    sections_off: tuple[int, ...] = ()
 
 
 class Moment(NamedTuple):
-    """Holds what is known when a tick begins to decide."""
+    """Holds the measured state at the start of the decisions of a tick."""
 
     m: Measurements
     sensed: Sensed
     conditions: Conditions
-    dt_s: float  # since the tick before, at most 1 s
-    speed_mps: float  # 0 where it is not known
-    ahead: SpeedAhead  # how fast it will go
+    # Time since the tick before, at most 1 s.
+    dt_s: float
+    # Ground speed, m/s; 0 where unknown.
+    speed_mps: float
+    # Expected speed ahead.
+    ahead: SpeedAhead
 
 
 class TickDecision(NamedTuple):
-    """Holds what the machine is to do, before safety."""
+    """Holds the decision on flow and sections, before safety."""
 
     holding: Target
-    planned_kg_ha: float  # of `holding`, nudged
-    # the same, at most the crop's limit: what is metered
+    # Rate of `holding` with the nudge, kg/ha.
+    planned_kg_ha: float
+    # Metered rate: the planned rate, limited to the crop's maximum, kg/ha.
     rate_kg_ha: float
-    lag: Lag  # of a small change from what is held
-    # what is released now lands inside the field; None: no field is known
+    # Lag of a small change from the present rate.
+    lag: Lag
+    # Whether material released now lands inside the field; None where no field is known.
     inside: bool | None
     pair: Pair
-    # highest speed at which changes are still made in time; infinite: any
+    # Highest speed at which changes are still made in time, m/s; infinite for any speed.
     usable_mps: float
     fired: tuple[FiredChange, ...]
     by_point: bool
-    # of the working width that is to be open where the pair will show
+    # Planned open share of the working width when the set-points take effect.
     open_share: float
 
 
 class Metered(NamedTuple):
-    """Holds what leaves the outlets, by measured shaft and opening through the model; None:
-    unknown."""
+    """Holds the material that leaves the outlets, by measured shaft and opening through the
+    model; None means unknown."""
 
-    flow_kg_s: float | None  # without the scale's correction
-    rate_kg_ha: float | None  # the same over the ground under what is open
-    trim: float  # the scale's correction
-    # from the shaft and the opening that the set-points should give by now
+    # Flow without the scale's correction, kg/s.
+    flow_kg_s: float | None
+    # Rate over the ground under the open width, kg/ha.
+    rate_kg_ha: float | None
+    # Correction factor from the scale.
+    trim: float
+    # Rate from the shaft speed and opening that the model expects now, kg/ha.
     expected_rate_kg_ha: float | None
-    metres_left_m: float | None  # until the hopper is empty
-    # of the working width, as the valves should stand by now
+    # Distance until the hopper is empty, m.
+    metres_left_m: float | None
+    # Open share of the working width by the expected positions of the valves.
     open_share: float

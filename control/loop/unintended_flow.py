@@ -1,8 +1,9 @@
-"""How much leaves the machine although its shaft is commanded to stop?
+"""How much material leaves the machine although its shaft is commanded to stop?
 
-A shaft needs a second to stop, and a faulty drive may not stop at all: the material that the
-measured shaft meters meanwhile lies on the ground and is missing in the hopper. It is counted in
-every state and logged."""
+A shaft needs a second to stop, and a faulty drive may not stop at all. The material that the
+measured shaft meters meanwhile is on the ground and missing from the hopper, so it is counted in
+every state and logged.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +18,24 @@ from topdress.control.orders import State
 from topdress.control.readings import DriveCommand, Measurements, is_reading_fresh
 from topdress.control.safety import POWERED_STATES, Commanded, SafetyLimits, Verdict
 
-# Interval of the events while the flow continues, s: a power cut loses no more.
+# Interval of the events while the flow continues, s: a power cut loses no more than this.
 EVENT_INTERVAL_S = 1.0
-# A reading of the shaft is valid for this long, s, as in safety.
+# Validity of a reading of the shaft, s, as in safety.
 SHAFT_VALID_S = 0.5
-# A valve's switch and the board's line are later than in the machine file by less than this, s.
+# Maximum additional delay, s, of a valve's switch and the board's serial line over the machine
+# file.
 VALVE_DELAY_S = 1.0
-# Resolution of the log, kg; a smaller mass waits.
+# Resolution of the log, kg; a smaller mass waits for the next event.
 MIN_EVENT_KG = 1e-4
 
 
 def make_standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
-    """Returns the limits with this machine's standing shaft speed, above its sensor's noise (six
-    standard deviations) and below half its slowest turning; and with its valves' closing time
-    plus a second."""
+    """Returns the limits for this machine's standing shaft: above its sensor's noise (six
+    standard deviations) and below half its slowest turning. The valves' closing time plus a second
+    is included."""
     noise_rpm = machine.noise.shaft_rpm
     stands_rpm = max(limits.shaft_stands_rpm, 6.0 * noise_rpm)
-    # 0 means that no slowest turning is known.
+    # 0 means that the slowest turning speed is unknown.
     if machine.limits.shaft_low_rpm > 0.0:
         stands_rpm = min(stands_rpm, max(0.5 * machine.limits.shaft_low_rpm, 4.0 * noise_rpm))
     closes_s = max(
@@ -43,20 +45,20 @@ def make_standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits
 
 
 def calc_open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
-    """Returns the open share of the working width by the valves' own switches; 0 where they are
-    silent."""
+    """Returns the open share of the working width by the valves' own switches; 0 where the
+    switches are silent."""
     if m.valves is None or not is_reading_fresh(m.valves.time_s, m.time_s, SHAFT_VALID_S):
         return 0.0
     return sum(strip.share for strip, on in zip(strips, m.valves.open, strict=False) if on)
 
 
 class UnintendedFlow:
-    """Counts the flow of a stopped machine. `commanded`: commands of the tick before. In each
-    tick `update`, then `command`."""
+    """Counts the flow of a stopped machine. `commanded`: commands of the tick before. The order
+    in each tick is `count_release`, `record_command`."""
 
     def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
-        """Starts at zero. obeyed: False where the drives follow other commands, as in a replayed
-        log."""
+        """Creates the counter at zero. obeyed: False where the drives follow other commands, as
+        in a replayed log."""
         self.commanded = Commanded(
             turn=not obeyed,
             flow=not obeyed,
@@ -64,14 +66,16 @@ class UnintendedFlow:
             opening_mm=machine.set_points.opening_mm,
         )
         self._shaft, self._stands_rpm, self._obeyed = machine.shaft, limits.shaft_stands_rpm, obeyed
-        # of its sensor: what the gate reads is so much more
+        # Offset of the gate's sensor: the reading is larger by this, mm.
         self._offset_mm = machine.gate.offset_mm
         self._dose_until_s = -inf
-        self._spell_kg = 0.0  # released since it was commanded to stop
-        # since a calibrating run: what runs down falls into its tray
+        # Mass released since the stop command, kg.
+        self._spell_kg = 0.0
+        # Set after a calibrating run: the material of the stopping shaft falls into the tray.
         self._to_tray = False
         self._tray_kg = 0.0
-        self._owed_kg = 0.0  # to be entered in the log
+        # Mass that is not in the log yet, kg.
+        self._owed_kg = 0.0
         self._entered_s = -inf
 
     def find_turning_rpm(self, m: Measurements) -> float:
@@ -89,9 +93,11 @@ class UnintendedFlow:
         worked: bool,
         unordered_kg: float = 0.0,
     ) -> tuple[float, str | None]:
-        """Returns the mass to count in this tick, kg, and the row's event where one is due.
-        worked: the tick counted as work. unordered_kg: mass that left by the scale while the
-        shaft's reading is 0."""
+        """Returns the mass to count in this tick, kg, and the row's event where due.
+
+        worked: whether the tick counts as work. unordered_kg: mass that left by the scale while the
+        shaft's reading is 0.
+        """
         kg = self._calc_released_kg(m, dt_s, flow_kg_s)
         self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
         counted_kg = (0.0 if worked else self._select_counted_kg(kg, verdict)) + unordered_kg
@@ -100,7 +106,7 @@ class UnintendedFlow:
     def record_command(
         self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair
     ) -> None:
-        """Takes the commands from now on. expected: present shaft speed and opening by the
+        """Stores the commands from now on. expected: present shaft speed and opening by the
         machine model."""
         if not self._obeyed:
             return
@@ -122,16 +128,16 @@ class UnintendedFlow:
         )
 
     def _calc_released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
-        """Returns the mass by the measured shaft, kg; 0 unless it turns although it is commanded
-        to stop."""
+        """Returns the mass by the measured shaft, kg; 0 unless the shaft turns despite a stop
+        command."""
         if self.commanded.turn or flow_kg_s is None:
             return 0.0
         kg = flow_kg_s * dt_s
         return kg if self.find_turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
     def _select_counted_kg(self, kg: float, verdict: Verdict) -> float:
-        """Returns the mass that counts: after a calibrating run the rest falls into its tray; of
-        a shaft that continues, all counts."""
+        """Returns the mass that counts. After a calibrating run the material of the stopping
+        shaft falls into the tray; the material of a shaft that keeps turning counts."""
         if verdict.state is State.CALIBRATING:
             self._to_tray = True
         if not self._to_tray:
@@ -148,7 +154,7 @@ class UnintendedFlow:
         return counted_kg
 
     def _make_event(self, now_s: float, kg: float) -> str | None:
-        """Returns the event at the end of a release, and every second meanwhile."""
+        """Returns the event at the end of a release, and every second during the release."""
         if self._owed_kg <= 0.0:
             self._entered_s = now_s
         self._owed_kg += kg

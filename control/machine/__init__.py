@@ -1,26 +1,25 @@
-"""How does the machine behave? The one machine model: stages, effects, terms, landing, the
-papers' lag models.
+"""Models the machine: stages, effects, terms, landing, and the lag models of the papers.
 
 Files:
 
-- `change_lag`: How long does a change of set-points take from the command until the landed step is
+- `change_lag`: How long does a change of set-points take from the command until half of the landed
 - `compiled`: How do the model's steps run compiled over whole logs?
 - `compiled_tick`: How do shaft, gate and flow of a control tick run compiled, for long simulations?
 - `effect`: What makes a stage parameter an effect, and which effects does the catalogue contain?
-- `effort`: How hard do shaft and gate drives work?
-- `elements`: Which small elements with memory or shape do the stages share?
+- `effort`: How hard do shaft and gate drives work, from speed, acceleration, material and supply?
+- `elements`: Which small elements with memory or a curve do the stages share?
 - `fall`: How long does material fall from the roller to the ground?
-- `fault_injection`: Which effects has a simulated machine that its controller does not know?
-- `flow`: How much flows from all outlets together, kg/s, at a true shaft speed and opening?
+- `fault_injection`: Which effects does a simulated machine have that its controller does not know?
+- `flow`: How much material flows from all outlets together, kg/s
 - `form`: What must a form of a term define?
 - `forms`: Which forms may a term have?
 - `gate`: How does the metering gate follow its command?
-- `heads`: What does a canopy head read from the true NDVI under it, before noise?
-- `history`: Which changes has a machine file had, and how is the last one undone?
-- `jit_cache`: How is compiled code kept on disk?
+- `heads`: What does a canopy head read from the true NDVI below, before noise?
+- `history`: Which changes did a machine file have, and how is the last one undone?
+- `jit_cache`: How is compiled code cached on disk?
 - `landing`: Where does released material land?
 - `machine`: What does a machine file contain?
-- `parameter_uncertainty`: Which machines may a machine file stand for?
+- `parameter_uncertainty`: Which real machines may a machine file represent?
 - `product_calibration`: How does a machine meter a product?
 - `scale`: What does the hopper scale read from the true mass?
 - `sections`: Which outlets open and close together?
@@ -30,6 +29,6 @@ Files:
 - `start`: How long does a start take as the lag rig measures it?
 - `steps`: Which compiled steps replace interpreted ones in a long run?
 - `term_step`: What is the value of a term, from its variables and its memory?
-- `term_sums`: What do a machine's terms add up to, quantity by quantity?
+- `term_sums`: What do a machine's terms add up to, quantity by quantity
 - `terms`: What does a machine do beyond the catalogue?
 """

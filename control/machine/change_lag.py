@@ -1,5 +1,6 @@
-"""How long does a change of set-points take from the command until the landed step is half-way?
-(lag papers)"""
+"""How long does a change of set-points take from the command until half of the landed step? (lag
+papers)
+"""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ class SettledPair(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """Holds the parts of a lag, s. `response_s`: dead time of the slowest actuator that moves;
-    `transition_s`: half of its travel; `drop_s`."""
+    """Holds the parts of a lag, s. `response_s`: dead time of the slowest moving actuator;
+    `transition_s`: half of its travel time; `drop_s`: drop time."""
 
     response_s: float
     transition_s: float
@@ -35,8 +36,8 @@ class Lag(NamedTuple):
 
 # Step of the small simulation of one change, s.
 SIMULATION_STEP_S = 0.0125
-# Tolerance of the middle rate, s: where two parcels fit equally, a rise takes the first, a fall the
-# last.
+# Tolerance of the middle rate, s: where two parcels fit equally, a rise takes the first parcel, a
+# fall the last.
 TIE_TOLERANCE = 1e-9
 # Simulated time after the slowest drive began to move, s.
 SETTLING_S = 1.0
@@ -76,11 +77,12 @@ class ChangeLags:
 
 
 def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -> Lag:
-    """Returns the lag of a change from one settled pair to another, s (lag paper: system
-    response plus drop time).
+    """Returns the lag of a change from one settled pair to another, s (lag paper: system response
+    plus drop time).
 
-    Where nothing moves, and from zero to zero, it is the response of the gate plus the drop
-    time."""
+    If neither drive moves, or the change is from zero to zero, the lag is the gate's response plus
+    the drop time.
+    """
     fall, shaft, gate = machine.fall, machine.shaft, machine.gate
     dead_shaft = calc_dead_time_s(shaft)
     moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * CACHE_STEP_RPM
@@ -102,8 +104,8 @@ def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -
 def _find_half_way_s(
     machine: Machine, before: SettledPair, after: SettledPair, rising: bool
 ) -> float | None:
-    """Returns the time from the command to the half-way point of the landed step, without the
-    effects that depend on direction, s."""
+    """Returns the time from the command to the half-way point of the landed step, s, without the
+    effects of the direction."""
     shaft, gate = machine.shaft, machine.gate
     dead_shaft = calc_dead_time_s(shaft)
     tau = calc_time_constant_s(shaft) + shaft.second_order_s

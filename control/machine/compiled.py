@@ -1,8 +1,9 @@
 """How do the model's steps run compiled over whole logs? Only this module and `jit_cache` import
-numba; import it only where a log is run.
+numba, because the import is slow.
 
-The cache folder and its entries carry a hash of the sources: numba's own check looks at one
-file only, and would go on running old machine code after an edit in another."""
+The cache folder and its entries carry a hash of the sources. numba's own check covers a single
+file, and would run old machine code after an edit in another file.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from .form import TermParams
 from .jit_cache import CompiledCodeCache, rename_uniquely
 from .stage_runner import Run, allocate_output, make_fill, make_map_run
 
-to_fixed_tuple: Any = ndarray.to_fixed_tuple  # (array, count) -> tuple, in compiled code
+# In compiled code, the function maps (array, count) to a tuple.
+to_fixed_tuple: Any = ndarray.to_fixed_tuple
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -106,9 +108,12 @@ def _overload_value(p, x, y, slow):  # type: ignore[no-untyped-def]
 
 
 def _hash_sources(run: Callable[..., Any]) -> str:
-    """Returns a hash of everything that is compiled into a function: these files, and those of
-    its own folder where that is another one. Constants of a module are not in the bytecode, so
-    that numba's own key does not notice their change."""
+    """Returns a hash of all sources that are compiled into a function: these files, and those of
+    the function's own folder.
+
+    Constants of a module are not in the bytecode, so numba's own key does not detect a change of a
+    constant.
+    """
     code: Any = run.__code__
     folder = pathlib.Path(code.co_filename).parent
     if folder == _here:
@@ -120,15 +125,16 @@ def _hash_sources(run: Callable[..., Any]) -> str:
 
 
 def compile_function(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
-    """Returns a function of numbers and arrays that is compiled when it is first called, and
-    kept on disk where there is room.
+    """Returns a function of numbers and arrays that is compiled at its first call, and cached on
+    disk where there is room.
 
-    makes_arrays: False where it makes no arrays and passes none on: references are then not
-    counted. Counting them at each step takes a stage four times as long as the step itself."""
+    makes_arrays: False for a function that neither makes arrays nor passes them on; references are
+    then not counted. Counting references at each step would take four times as long as the step.
+    """
     apart = rename_uniquely(run)
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
     dispatcher: Any = numba.njit(**options)(apart)
-    # Without a writable folder it is compiled anew in each process.
+    # Without a writable folder the function is compiled again in each process.
     with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = CompiledCodeCache(apart, _hash_sources(run))
     made: Callable[..., Any] = dispatcher

@@ -1,8 +1,9 @@
 """How do shaft, gate and flow of a control tick run compiled, for long simulations?
 
-The steps are the stages' own, identical to the last bit to the interpreted ones and to those
-over logs. State that changes from tick to tick is kept in arrays: passing the stages' named
-tuples at each tick would take longer than the steps. Importing this loads the compiler."""
+The steps are the stages' own; compiled, interpreted and over logs they agree to the last bit.
+Changing state is stored in arrays, because passing the stages' named tuples at each tick would take
+longer than the steps. Importing this module loads the compiler.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +19,10 @@ from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, step_shaft
 from .term_sums import NO_TERMS, TermTotals
 
 _OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow._fields)
-# Numbers kept: time, speed, newest, in force of the shaft; time, driven, carried, travelled,
-# newest, in force of the gate; both outputs, two numbers each; the flow's state; how fast the
-# shaft's speed changes. Lines: times and values of the shaft's, then of the gate's.
+# Layout of the stored numbers: time, speed, newest and current index of the shaft; time, driven,
+# carried, travelled, newest and current index of the gate; two outputs of each; the flow's state;
+# the rate of change of the shaft's speed. The delay lines hold times and values of the shaft, then
+# of the gate.
 _KEPT, _OUT, _HOPPER, _SLOPE = 19, 10, 14, 18
 
 
@@ -78,8 +80,10 @@ def step_drives(
     more: Any,
     dt_s: float,
 ) -> tuple[float, float]:
-    """Advances both drives by one step; returns true speed and opening at its end. more: % and
-    r/min of the shaft, mm of the gate."""
+    """Advances both drives by one step, and returns true speed and opening at its end.
+
+    more: sums of the terms, % and r/min of the shaft, mm of the gate.
+    """
     shafts, gates = (
         Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
@@ -110,8 +114,11 @@ def step_tick(
     more: Any,
     dt_s: float,
 ) -> float:
-    """Runs the model steps of a tick; returns the mean flow, kg/s. rpm: command of each step.
-    more: as above, then % and kg/s of the flow."""
+    """Runs the model steps of a tick, and returns the mean flow, kg/s.
+
+    rpm: command of each step. more: sums of the terms as for `step_drives`, then % and kg/s of the
+    flow.
+    """
     shafts, gates = (
         Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
@@ -151,15 +158,16 @@ def _make_numbers(stage: Any) -> Array:
 class TickResult(NamedTuple):
     """Holds the result of a tick."""
 
-    flow_kg_s: float  # mean
+    # Mean flow over the tick, kg/s.
+    flow_kg_s: float
     shaft: ShaftOutput
     gate: GateOutput
     hopper: FlowState
 
 
 class CompiledDrives:
-    """Advances the drives of one machine and its hopper. `shaft`, `gate`: at rest at first, with
-    that command for ever."""
+    """Advances the drives of one machine and its hopper. `shaft`, `gate`: initial positions at
+    rest, under a constant command."""
 
     def __init__(self, shaft: ShaftState, gate: GateState, hopper: FlowState | None = None) -> None:
         self._kept, self._lines = np.zeros(_KEPT), np.empty((4, LINE_SIZE))
@@ -179,7 +187,7 @@ class CompiledDrives:
         self._of_shaft = self._of_gate = self._of_flow = np.empty(0)
 
     def set_stages(self, shaft: Shaft, gate: Gate, flow: Flow | None = None) -> None:
-        """Sets the stages from now on."""
+        """Replaces the stages from this time on."""
         stages = shaft, gate, flow
         if stages != self._stages:
             self._stages = stages
@@ -195,7 +203,7 @@ class CompiledDrives:
         dt_s: float,
         more: TermTotals = NO_TERMS,
     ) -> tuple[float, float]:
-        """Returns true speed, r/min, and opening, mm, at the end of a step of `dt_s`."""
+        """Returns true speed, r/min, and opening, mm, at the end of a step of `dt_s` seconds."""
         found: tuple[float, float] = step_drives(
             self._of_shaft,
             self._of_gate,
@@ -219,7 +227,7 @@ class CompiledDrives:
         more: TermTotals,
         dt_s: float,
     ) -> TickResult:
-        """Runs as many steps of `dt_s` as there are commanded speeds."""
+        """Runs a step of `dt_s` seconds for each commanded speed."""
         flow = step_tick(
             self._of_shaft,
             self._of_gate,

@@ -7,14 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_type_hints
 
-# Figures of the machine file, multiplied with each other, that a size may be a share of.
+# Machine file numbers whose product scales a size: the highest shaft speed.
 SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)
 SLEW_RATE = ("gate.slew_mm_s",)
 HOPPER_CAPACITY = ("flow.full_kg",)
-# Mass of a revolution at full opening.
+# The product is the mass of a revolution at full opening.
 FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)
-# Mass of a second at full opening and full speed.
+# The product is the mass of a second at full opening and full speed.
 FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)
 
 
@@ -22,39 +22,46 @@ FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)
 class Effect:
     """Marks a stage parameter as an effect. The parameter's default is its neutral value.
 
-    The bounds of its size are those of its field. Where the size `scales_with` figures of the
-    machine, `bounds` are those of the nominal machine, and so are the sizes tried; the field's
-    are what no machine exceeds."""
+    The bounds of the effect's size are those of its field. Where the size `scales_with` numbers of
+    the machine, `bounds` and the trial sizes are those of the nominal machine, and the field's
+    bounds are those of any machine.
+    """
 
-    id: str  # public contract, e.g. "shaft.dead_band"
-    # may name a figure of its stages, e.g. "% lost at {flow.full_rpm:g} r/min"
+    # Id of the effect, a public contract, e.g. "shaft.dead_band".
+    id: str
+    # Unit of the size, which may refer to a number of the stages, e.g. "% lost at {flow.full_rpm:g}
+    # r/min".
     unit: str
     title: str
-    physics: str  # one sentence
-    # where such a thing is described, or how its size is known
+    # Physical cause in one sentence.
+    physics: str
+    # Reference that describes the effect, or gives its size.
     source: str
-    # kinds of data that can show it: run, catch, lag, place, weigh, heads, ...
+    # Kinds of data that can show the effect: run, catch, lag, place, weigh, heads, ...
     seen_in: tuple[str, ...]
-    advice: str  # maintenance
-    # the experiment that tells it from its look-alikes
+    # Advice for maintenance.
+    advice: str
+    # Experiment that separates the effect from similar effects.
     separate: str
-    # sizes tried; several where the effect is a threshold (slope 0 at neutral)
+    # Trial sizes; several for a threshold effect, whose slope is 0 at neutral.
     probes: tuple[float, ...] = (0.1,)
-    # its size is the time at which it begins; the parameter is then set to 1
+    # Whether the size is the onset time; the parameter is then set to 1.
     onset_only: bool = False
-    # the parameter that says which head or outlet (1-based, 0 = none)
+    # Name of the parameter with the affected head or outlet (1-based, 0 for none).
     member_field: str = ""
-    bounds: tuple[float, float] | None = None  # of the parameter, on the nominal machine
-    # figures of the machine file that the size is a share of
+    # Bounds of the parameter on the nominal machine.
+    bounds: tuple[float, float] | None = None
+    # Numbers of the machine file whose product scales the size.
     scales_with: tuple[str, ...] = ()
-    # the unit before figures are put in; the catalogue fills it
+    # Unit before numbers are inserted; the catalogue fills this field.
     unit_form: str = ""
-    # For the owner: what a positive size does, a negative one, and one below -100 %; {size}
-    # unsigned.
+    # Sentences for the owner: the consequence of a positive size, of a negative size, and of a size
+    # below -100 %; {size} is unsigned.
     says: tuple[str, ...] = ()
 
     def choose_sentence(self, size: float) -> str:
-        """Returns what the machine does, for its owner; `{size}` is to be filled in."""
+        """Returns the sentence for the owner about the consequence of a size; `{size}` is a
+        placeholder."""
         return self.says[min(len(self.says) - 1, 0 if size >= 0.0 else 2 if size < -100.0 else 1)]
 
 
@@ -62,7 +69,8 @@ class CatalogueEntry(NamedTuple):
     """Holds one catalogued effect: its parameter, its neutral value and its range on the nominal
     machine."""
 
-    stage: str  # name of the stage in the machine, e.g. "flow"
+    # Name of the stage in the machine, e.g. "flow".
+    stage: str
     field: str
     neutral: float
     low: float
@@ -80,8 +88,10 @@ def _find_bounds(marks: Iterable[Any]) -> tuple[float, float]:
 
 
 def make_catalogue(stages: dict[str, Any]) -> dict[str, CatalogueEntry]:
-    """Returns every effect of the stages by id, read from their annotated parameters. There is
-    no second list."""
+    """Returns all effects of the stages by id, read from their annotated parameters.
+
+    The annotations are the only list of effects.
+    """
     nominal = {name: stage() for name, stage in stages.items()}
     found: dict[str, CatalogueEntry] = {}
     for name, stage in stages.items():

@@ -1,8 +1,9 @@
-"""How hard do shaft and gate drives work? From speed, its change, material and supply.
+"""How hard do shaft and gate drives work, from speed, acceleration, material and supply?
 
-A loop that holds its speed or place hides friction, load and blockage: the speed is right, but
-the motor works harder. The model is linear in its parameters. Its unit is the machine file's
-`effort_unit`; a drive without numbers has no effort."""
+A control loop hides friction, load and blockage: the speed is correct, but the motor works harder.
+The model is linear in its parameters. Its unit is the machine file's `effort_unit`; a drive without
+parameters has no effort.
+"""
 
 from __future__ import annotations
 
@@ -12,30 +13,41 @@ from pydantic import Field
 
 from .effect import Effect
 
-Part = Annotated[float, Field(ge=0, le=1000)]  # of an effort, in its unit
+# Number in the effort's unit.
+Part = Annotated[float, Field(ge=0, le=1000)]
 
 
 class Effort(NamedTuple):
-    """Holds the effort of the metering shaft, and with `gate_` of the gate. A standing drive has
-    none."""
+    """Parameters of the effort of the metering shaft, and with `gate_` of the gate. A standing
+    drive has no effort."""
 
-    coulomb: Part = 0.0  # turning forwards, however slowly ...
-    coulomb_back: Part = 0.0  # ... and backwards
-    viscous: Part = 0.0  # for each r/min forwards ...
-    viscous_back: Part = 0.0  # ... and backwards
-    inertia: Part = 0.0  # for each r/min a second
-    load: Part = 0.0  # for each gram a revolution that the flutes move
-    # Times `load`, of what stands packed before a closed outlet; nobody measured one: granules
-    # in a closed duct bear several times what they weigh.
+    # Dry friction in forward rotation, at any speed.
+    coulomb: Part = 0.0
+    # Dry friction in reverse rotation.
+    coulomb_back: Part = 0.0
+    # Viscous friction for each r/min forwards.
+    viscous: Part = 0.0
+    # Viscous friction for each r/min backwards.
+    viscous_back: Part = 0.0
+    # Effort for each r/min per second of acceleration.
+    inertia: Part = 0.0
+    # Effort for each gram per revolution that the flutes move.
+    load: Part = 0.0
+    # Load factor of material packed before a closed outlet, as a multiple of `load`. The value is
+    # an estimate: granules in a closed duct bear several times their weight, and nobody has
+    # measured the factor.
     jam: Annotated[float, Field(ge=0, le=100)] = 5.0
-    # 1: a duty cycle, which grows as the supply falls
+    # 1 for a duty cycle, which grows as the supply voltage falls.
     by_supply: Annotated[float, Field(ge=0, le=1)] = 0.0
-    limit: Part = 0.0  # the drive's own: it gives no more; 0: not known
+    # Maximum effort of the drive; 0 means unknown.
+    limit: Part = 0.0
     gate_coulomb: Part = 0.0
     gate_coulomb_back: Part = 0.0
-    gate_viscous: Part = 0.0  # for each mm/s
+    # Viscous friction of the gate for each mm/s.
+    gate_viscous: Part = 0.0
     gate_viscous_back: Part = 0.0
-    gate_inertia: Part = 0.0  # for each mm/s a second
+    # Effort of the gate for each mm/s per second.
+    gate_inertia: Part = 0.0
     gate_limit: Part = 0.0
     friction_percent: Annotated[
         float,
@@ -137,21 +149,28 @@ class Effort(NamedTuple):
     ] = 0.0
 
 
-# A run of a healthy machine gives these parameters; a later run may differ within the tolerance.
+# A run of a healthy machine determines these parameters; a later run may differ within the
+# tolerance.
 SHAFT_EFFORT_PARTS = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
 GATE_EFFORT_PARTS = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
 
 
-# Parts of an effort: friction, drag, and the effort to gain speed.
+# Components of an effort: dry friction, viscous friction, and acceleration.
 Parts = tuple[float, float, float]
 
 
 class EffortInput(NamedTuple):
-    speed: float  # r/min, or mm/s of the gate
+    """Inputs of a drive's effort."""
+
+    # Speed in r/min, or mm/s for the gate.
+    speed: float
     speed_per_s: float = 0.0
-    supply_share: float = 1.0  # nominal supply over the supply
-    grams_rev: float = 0.0  # that the flutes move in a revolution
-    packed_g_rev: float = 0.0  # that they would move if no outlet were closed
+    # Nominal supply voltage divided by the supply voltage.
+    supply_share: float = 1.0
+    # Mass that the flutes move in a revolution, g.
+    grams_rev: float = 0.0
+    # Mass that the flutes would move if no outlet were closed, g.
+    packed_g_rev: float = 0.0
 
 
 def calc_drive_parts(
@@ -165,8 +184,10 @@ def calc_drive_parts(
     speed: float,
     speed_per_s: float,
 ) -> Parts:
-    """Returns the parts of a drive's own effort. Friction is the mean of both directions: the
-    difference is a load that pulls one way."""
+    """Returns the components of a drive's own effort.
+
+    Friction is the mean of both directions, because their difference is a load in one direction.
+    """
     own = coulomb if coulomb_back <= 0.0 else 0.5 * (coulomb + coulomb_back)
     more = 0.01 * friction_percent * own
     if speed < 0.0:
@@ -179,8 +200,8 @@ def calc_drive_parts(
 
 
 def calc_shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
-    """Returns the parts of a turning shaft at the nominal supply: its own three, and the
-    material's load."""
+    """Returns the components of a turning shaft's effort at the nominal supply: its own three,
+    and the material's load."""
     friction, drag, gains = calc_drive_parts(
         p.coulomb,
         p.coulomb_back,

@@ -1,5 +1,6 @@
-"""Which small elements with memory or shape do the stages share? Scalars in, scalars out; they
-compile as they stand."""
+"""Which small elements with memory or a curve do the stages share? The functions use scalars
+only, so that they compile.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +19,26 @@ LINE_SIZE = 1024
 
 
 class DelayLine(NamedTuple):
-    """Holds the changes of a held (piecewise constant) signal; the oldest is overwritten. The
+    """Stores the changes of a piecewise constant signal; the oldest change is overwritten. The
     arrays are written in place.
 
-    Arrays for the compiled steps; lists where a step runs interpreted, which reads them four
-    times as fast."""
+    Compiled steps use arrays; interpreted steps use lists, which Python reads four times as fast.
+    """
 
     times_s: Array | list[float]
     values: Array | list[float]
     newest: int
-    in_force: int  # the change in force at the time last asked for
+    # Index of the change in force at the last requested time.
+    in_force: int
 
 
 def make_line(value: float, time_s: float = -1e9) -> DelayLine:
-    """Returns a line that has held `value` since `time_s`, in arrays."""
+    """Returns a line with the value `value` since `time_s`, in arrays."""
     return DelayLine(np.full(LINE_SIZE, time_s), np.full(LINE_SIZE, value), 0, 0)
 
 
 def convert_to_lists(line: DelayLine) -> DelayLine:
-    """Returns the same line for steps that run interpreted."""
+    """Returns the line with lists, for interpreted steps."""
     return line._replace(
         times_s=[float(time_s) for time_s in line.times_s],
         values=[float(value) for value in line.values],
@@ -44,7 +46,7 @@ def convert_to_lists(line: DelayLine) -> DelayLine:
 
 
 def put_in_line(line: DelayLine, time_s: float, value: float) -> DelayLine:
-    """Records that the signal holds `value` from `time_s` on. Times must not decrease."""
+    """Records that the signal has the value `value` from `time_s` on. Times must not decrease."""
     if value == line.values[line.newest]:
         return line
     newest = (line.newest + 1) % LINE_SIZE
@@ -54,11 +56,12 @@ def put_in_line(line: DelayLine, time_s: float, value: float) -> DelayLine:
 
 
 def read_held_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
-    """Returns the signal's value at `from_s`, and until when it holds: its next change or
+    """Returns the signal's value at `from_s`, and the end of its validity: its next change or
     `to_s`, whichever is sooner.
 
-    A step that is cut at these times is exact for held commands, however long it is; times must
-    be requested in order."""
+    A step that is divided at these times is exact for held commands, whatever its length. Times
+    must be requested in order.
+    """
     at = line.in_force
     if at == line.newest:
         return line, float(line.values[at]), to_s
@@ -75,11 +78,12 @@ def read_held_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLi
 
 
 def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
-    """Returns the mean of the held signal over [from_s, to_s], and the line with its reading
-    mark moved to `from_s`.
+    """Returns the mean of the held signal over [from_s, to_s], and the line with its index moved to
+    `from_s`.
 
     The mean varies smoothly with the delay, unlike a sample, so that a dead time has a slope.
-    Windows must be requested in order of time."""
+    Windows must be requested in order of time.
+    """
     at = line.in_force
     while at != line.newest:
         after = (at + 1) % LINE_SIZE
@@ -104,7 +108,8 @@ def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine
 
 
 def interpolate_table(x: Table, y: Table, at: float) -> float:
-    """Interpolates linearly between (x, y), constant beyond the ends. Neutral: y all zero."""
+    """Interpolates linearly between (x, y), constant beyond the ends. The neutral table has y
+    all zero."""
     i = 0
     while i < len(x) - 2 and at > x[i + 1]:
         i += 1

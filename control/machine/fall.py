@@ -1,18 +1,18 @@
-"""How long does material fall from the roller to the ground? Drop time of a start and of a
-running shaft, its effects, the papers' lag models.
+"""How long does material fall from the roller to the ground? Drop times of a start and of a running
+shaft, their effects, and the papers' lag models.
 
-A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper,
-tables 3 and 4, eq 6). A running shaft's drop is shorter, and how much shorter depends on what
-goes on in the tube, which no start can tell:
+A rig times a start: from 2 r/min to the first granule, with a standing shaft (lag paper, tables 3
+and 4, eq 6). A running shaft's drop time is shorter. The difference depends on the motion in the
+tube, which no start can show:
 
 carried along   (`carried_share` 1) all falling material moves at the pace of the present shaft
-                speed, nothing overtakes; while the shaft speeds up that pace is slower than at
-                the set-point.
-falling singly  (0) each granule keeps the pace of its release. Material released later, by a
-                quicker shaft, lands first.
+                speed, and no granule overtakes; while the shaft accelerates that pace is slower
+                than at the set-point.
+falling singly  (0) each granule keeps the pace of its release. Material that a faster shaft
+                releases later lands first.
 
-`landing.falls_s` plays any share. Each gives the line of starts with its own running drop
-(`start.set_carried_share`).
+`landing.falls_s` calculates any share. Each share gives the same line of starts with its own drop
+time of a running shaft (`start.set_carried_share`).
 """
 
 from __future__ import annotations
@@ -25,23 +25,27 @@ from .effect import Effect
 
 # After this time without flow the tube is empty, s.
 EMPTY_TUBE_S = 2.0
-# Least drop time, s.
+# Minimum drop time, s.
 MIN_DROP_S = 1e-6
 
 
 class Fall(NamedTuple):
-    # lag paper eq 6 less the response of 0.383 s
+    """Parameters of the fall and of its effects."""
+
+    # Line of drop times from lag paper eq 6, minus the response of 0.383 s.
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
-    # start less running, of |slope| n, an r/min
+    # Difference of start and running drop, as a share of |slope| n, per r/min.
     start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3
-    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0  # ... a constant part ...
-    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0  # ... and one of n
-    # of the pace, that the stream sets
+    # Constant part of that difference, s.
+    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0
+    # Part of that difference proportional to the speed n, s per r/min.
+    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    # Share of the pace that the stream in the tube determines.
     carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
-    # shaft speed at which the rebound is given
+    # Shaft speed at which the rebound is defined, r/min.
     full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
     offset_s: Annotated[
         float,
@@ -188,16 +192,22 @@ class Fall(NamedTuple):
 
 
 class FallInput(NamedTuple):
-    shaft_rpm: float  # at release
+    """Inputs of the fall."""
+
+    # Shaft speed at the release, r/min.
+    shaft_rpm: float
     flow_kg_s: float
-    # +1: released after a rise of the rate, -1: after a fall, 0: neither
+    # +1 for material released after a rise of the rate, -1 after a fall, 0 otherwise.
     change: float = 0.0
 
 
 class FallState(NamedTuple):
+    """State of the tube."""
+
     time_s: float
-    no_flow_s: float  # how long nothing has been released
-    # how long since flow came back to an empty tube; large: long ago
+    # Time since the last release, s.
+    no_flow_s: float
+    # Time since flow returned to an empty tube, s; a large value for a filled tube.
     filling_s: float
 
 
@@ -206,8 +216,8 @@ def make_fall_start(time_s: float = 0.0) -> FallState:
 
 
 def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Returns the time from 2 r/min to the first granule of a start for a set-point, s, as a rig
-    measures it (lag paper eq 6)."""
+    """Returns the drop time of a start, s: from 2 r/min to the first granule, as a rig measures
+    it (lag paper eq 6)."""
     start_s = p.intercept_s + p.slope_s_per_rpm * shaft_rpm + p.offset_s
     if shaft_rpm > p.valid_to_rpm:
         start_s += p.rebound_s * (
@@ -217,10 +227,10 @@ def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
 
 
 def calc_drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Returns the time from the roller of a running shaft to the ground, s, without the effects
-    of the past.
+    """Returns the drop time of a running shaft, s, without the effects of previous changes.
 
-    Where drop time does not fall with shaft speed, it is that of a start."""
+    Where the drop time does not decrease with shaft speed, the result is the drop time of a start.
+    """
     falls_s = -p.slope_s_per_rpm * shaft_rpm
     if falls_s < 0.0:
         falls_s = 0.0
@@ -234,8 +244,8 @@ def calc_drop_s(p: Fall, shaft_rpm: float) -> float:
 
 
 def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
-    """Returns the seconds from release to the ground for material released in this step, if the
-    shaft keeps its speed; `landing.falls_s` where it does not."""
+    """Returns the drop time of material released in this step, s, for a constant shaft speed;
+    `landing.falls_s` is for changing speeds."""
     flowing = u.flow_kg_s > 0.0
     filling = s.filling_s + dt_s
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:
@@ -247,5 +257,5 @@ def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
 
 
 def find_paper_lag_s(shaft_rpm: float) -> float:
-    """Returns the whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
+    """Returns the total lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
     return -8.3e-3 * shaft_rpm + 2.2118

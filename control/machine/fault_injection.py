@@ -1,5 +1,6 @@
-"""Which effects has a simulated machine that its controller does not know?
-`ID=SIZE[@ONSET_S][#MEMBER]`."""
+"""Which effects does a simulated machine have that its controller does not know? Syntax:
+`ID=SIZE[@ONSET_S][#MEMBER]`.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ _GRAMMAR = re.compile(
 
 
 class PlantedEffect(NamedTuple):
-    """Holds one planted effect."""
+    """Holds an effect of a simulated machine."""
 
     id: str
     size: float
@@ -25,11 +26,12 @@ class PlantedEffect(NamedTuple):
 
 
 def parse_planted(text: str) -> PlantedEffect:
-    """Reads one `--effect`.
+    """Parses the value of an `--effect` option.
 
     Raises
     ------
-    ValueError : in one plain line that names the text, what is wrong and what is allowed."""
+    ValueError : in one plain line with the text, the mistake and the allowed values.
+    """
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
         raise ValueError(
@@ -55,11 +57,13 @@ def parse_planted(text: str) -> PlantedEffect:
 def schedule_effects(
     machine: Machine, planted: Sequence[PlantedEffect]
 ) -> list[tuple[float, Machine]]:
-    """Returns (from_s, machine) in the order in which they come into force, the first at 0.
+    """Returns machines with their start times, s, in the order in which they come into force; the
+    first starts at 0.
 
     Raises
     ------
-    ValueError : an effect is out of bounds."""
+    ValueError : an effect is out of bounds.
+    """
     stages: list[tuple[float, Machine]] = [(0.0, machine)]
     for effect in sorted(planted, key=lambda p: p.onset_s):
         changed = add_effect(stages[-1][1], effect.id, effect.size, effect.member)

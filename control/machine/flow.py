@@ -1,5 +1,6 @@
-"""How much flows from all outlets together, kg/s, at a true shaft speed and opening? The hopper
-empties with it."""
+"""How much material flows from all outlets together, kg/s, at a true shaft speed and opening?
+The hopper empties accordingly.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +11,20 @@ from pydantic import Field
 
 from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
 
-# Length of the time slots in which a bridge stands or not, s.
+# Length of the time slots in which a bridge exists or not, s.
 BRIDGE_SLOT_S = 12.0
-# A slower shaft stands, and the rollers do not carry the leaking material, r/min.
+# Speed below which the shaft stands, r/min; standing rollers do not carry the leaking material.
 STANDSTILL_RPM = 0.5
 
 
 class Flow(NamedTuple):
+    """Parameters of the flow and of its effects."""
+
     grams_per_rev_mm: Annotated[float, Field(ge=1e-4, le=1000)] = 5.5
     flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
     outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
     full_kg: Annotated[float, Field(ge=0.01, le=20000)] = 300.0
-    # shaft speed at which the fall-off is given
+    # Shaft speed at which the fall-off is defined, r/min.
     full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
     gain_percent: Annotated[
         float,
@@ -242,15 +245,22 @@ class Flow(NamedTuple):
 
 
 class FlowInput(NamedTuple):
+    """Inputs of the flow."""
+
     shaft_rpm: float
     opening_mm: float
     pitch_deg: float = 0.0
-    refill_kg: float = 0.0  # filled in at the beginning of this step
-    more_percent: float = 0.0  # of the machine file's terms
-    more_kg_s: float = 0.0  # of the same, while the shaft turns
+    # Mass refilled at the start of this step, kg.
+    refill_kg: float = 0.0
+    # Sum of the machine file's terms, %.
+    more_percent: float = 0.0
+    # Sum of the terms while the shaft turns, kg/s.
+    more_kg_s: float = 0.0
 
 
 class FlowState(NamedTuple):
+    """State of the flow."""
+
     time_s: float
     hopper_kg: float
     angle_rev: float
@@ -258,7 +268,10 @@ class FlowState(NamedTuple):
 
 
 class FlowOutput(NamedTuple):
-    flow_kg_s: float  # true; nothing measures it but the scale
+    """Outputs of the flow."""
+
+    # True flow, kg/s; only the scale measures it.
+    flow_kg_s: float
     hopper_kg: float
 
 
@@ -267,8 +280,8 @@ def make_flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
 
 
 def is_bridged(time_s: float, percent_of_time: float) -> bool:
-    """Returns whether a bridge stands at `time_s`: slots of SPELL_S, closed by a fixed irregular
-    pattern."""
+    """Returns whether a bridge exists at `time_s`: slots of BRIDGE_SLOT_S seconds, bridged in a
+    fixed irregular pattern."""
     if percent_of_time <= 0.0:
         return False
     slot = floor(time_s / BRIDGE_SLOT_S)
@@ -277,8 +290,8 @@ def is_bridged(time_s: float, percent_of_time: float) -> bool:
 
 
 def calc_grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
-    """Returns the mass of a revolution in steady state on level ground with a full hopper, g:
-    the invertible part of the model."""
+    """Returns the mass of a revolution in steady state on level ground with a full hopper, g.
+    This part of the model is invertible."""
     speed = shaft_rpm / p.full_rpm
     lost = p.fill_falloff_percent * speed * speed * speed
     mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
@@ -293,8 +306,11 @@ def calc_common_factor(
     more_percent: float,
     refilled: bool,
 ) -> float:
-    """Returns the factor on the flow whatever shaft and opening are: hopper head, blocked
-    outlets, drift, slope, lot, an uneven outlet. share_full: filling of the hopper."""
+    """Returns the factor on the flow that is independent of shaft and opening: hopper head, blocked
+    outlets, drift, slope, lot, an uneven outlet.
+
+    share_full: filled share of the hopper.
+    """
     lost = p.hopper_head_percent * (1.0 - share_full) + p.blocked_percent
     more = p.moisture_percent_per_h * elapsed_s / 3600.0 + p.slope_percent_per_deg * pitch_deg
     more += more_percent
@@ -315,7 +331,7 @@ def calc_flute_load(
     more_percent: float,
     refilled: bool,
 ) -> tuple[float, float]:
-    """Returns the load of the rollers, g a revolution: the moved mass, and the mass packed
+    """Returns the load of the rollers, g per revolution: the moved mass, and the mass packed
     before closed outlets."""
     if share_full <= 0.0 or (
         p.bridging_percent > 0.0 and is_bridged(elapsed_s, p.bridging_percent)
@@ -327,10 +343,11 @@ def calc_flute_load(
 
 
 def step_flow(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
-    """Advances the flow by one step of `dt_s` with the inputs held; the flow is its mean over
-    the step. Mass is conserved.
+    """Advances the flow by one step of `dt_s` with constant inputs; the output flow is the mean
+    over the step. Mass is conserved.
 
-    Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s."""
+    Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s.
+    """
     hopper, refills = s.hopper_kg + u.refill_kg, s.refills
     if hopper > p.full_kg:
         hopper = p.full_kg

@@ -1,11 +1,11 @@
-"""What must a form of a term define? Its coefficients, its value, its sentence, and how it is
-fitted. The forms: `forms`.
+"""What must a form of a term define? Its coefficients, its value, its sentence, and its fit.
+`forms` defines the forms.
 
-**In the machine file**: its coefficients and their meaning. **Its value**: `value`, one function
-that is interpreted for a tick and compiled over a log, so plain arithmetic on numbers only. **In
+**In the machine file**: its coefficients and their meaning. **Its value**: `value`, a function that
+is interpreted for a tick and compiled over a log, so it uses plain arithmetic on numbers only. **In
 words**: `find_numbers`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at
-several places and moved from there) and amplitudes, in which it is linear. Its columns are sums of
-series over the rows; columns of many shapes share few series, so that the effect of a series on
+several positions and refined from there) and amplitudes, in which it is linear. Its columns are
+sums of series over the rows. Columns of many shapes share few series, so the effect of a series on
 a channel is calculated once. Variables are fitted as z = (x - middle) / spread.
 """
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 
 class TermParams(NamedTuple):
-    """Holds a term as numbers. A form leaves unused numbers at their default; its class defines
-    each."""
+    """Holds a term as numbers. A form leaves unused numbers at their default; the form's class
+    defines the meaning of each."""
 
     form: int
-    # validity: beyond it the variable is held at the edge
+    # Range of validity: beyond it the variable is limited to the edge.
     low: float = -1e300
     high: float = 1e300
     second_low: float = -1e300
@@ -53,25 +53,28 @@ class TermParams(NamedTuple):
     values: Table = FLAT_TABLE
 
 
-# `compiled.run_term`, or the same interpreted.
+# Type of `compiled.run_term`, or of the same function interpreted.
 TermRun = Callable[[TermParams, Array, Array, Array], Array]
 
 SHAFT_ANGLE = "shaft_angle_deg"
 ANGLES = ("heading_deg", SHAFT_ANGLE)
 
-# Quantiles of a variable, %, where a form may bend.
+# Quantiles of a variable, %, at which a form may bend.
 PLACE_QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
-# Price of an amplitude where forms are ranked before their sizes have a prior, in twice the
+# Penalty for an amplitude where forms are ranked before their sizes have a prior, in twice the
 # log-likelihood.
 PRICE_PER_AMPLITUDE = 4.0
-# Step by which a place is moved, in spreads of the variable.
+# Step by which a position is moved, in spreads of the variable.
 SHAPE_STEP = 0.3
 
 
 @dataclass(frozen=True)
 class ScaledVariable:
-    """Holds a variable for fitting. x: at the rows, limited to low and high (rows,). work: rows
-    that count for where a form is tried (rows,). run: evaluates a form over a log."""
+    """Holds a variable for fitting. x: values at the rows, limited to low and high (rows,).
+
+    work: rows that determine the trial positions of a form (rows,). run: evaluates a form over a
+    log.
+    """
 
     name: str
     x: Array
@@ -89,8 +92,8 @@ class ScaledVariable:
 
     @property
     def valid_range(self) -> tuple[float, float] | None:
-        """Returns the range in which the variable was seen; None for angles, for the time, and
-        where none is given."""
+        """Returns the observed range of the variable; None for angles, for the time, and without
+        a range."""
         return (
             None
             if self.name in (*ANGLES, "time_s") or self.low == -np.inf
@@ -105,8 +108,8 @@ class ScaledVariable:
 
     @cached_property
     def candidate_places(self) -> list[float]:
-        """Returns places in z where a form may bend: quantiles, and 0 where the variable changes
-        its sign."""
+        """Returns positions in z at which a form may bend: quantiles, and 0 where the variable
+        changes its sign."""
         found = np.percentile(self.z[self.work], PLACE_QUANTILES)
         zero = (0.0 - self.middle) / self.spread
         if found[0] < zero < found[-1]:
@@ -114,7 +117,7 @@ class ScaledVariable:
         return [float(one) for one in np.unique(np.round(found, 6))]
 
     def convert_from_z(self, z: float) -> float:
-        """Converts a place in z to the variable's own unit."""
+        """Converts a position in z to the variable's own unit."""
         return self.middle + self.spread * z
 
     def evaluate_form(self, params: TermParams) -> Array:
@@ -126,7 +129,7 @@ class ScaledVariable:
 def scale_variable(
     name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun
 ) -> ScaledVariable:
-    """Returns a variable limited to its range in the rows that count."""
+    """Returns a variable limited to its range in the working rows."""
     low, q10, middle, q90, high = (
         float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5))
     )
@@ -138,7 +141,7 @@ def scale_variable(
 
 
 class FormSeries(NamedTuple):
-    """Defines a series over the rows: a function of one variable or two, and of a place."""
+    """Defines a series over the rows: a function of one or two variables, and of a position."""
 
     function: Callable[..., Array]
     over: tuple[str, ...]
@@ -149,11 +152,12 @@ class FormSeries(NamedTuple):
 
 
 Shape = Mapping[str, float]
-Columns = tuple[dict[FormSeries, float], ...]  # of each column the weights of its series
+# Weights of the series of each column.
+Columns = tuple[dict[FormSeries, float], ...]
 
 
 class WrittenForm(NamedTuple):
-    """Holds a fitted form as the machine file writes it."""
+    """Holds a fitted form in the notation of the machine file."""
 
     form: str
     coefficients: dict[str, float]
@@ -162,8 +166,8 @@ class WrittenForm(NamedTuple):
 
 
 class SentenceNumbers(NamedTuple):
-    """Holds the numbers of a sentence. changes: shown with sign and the term's unit. which:
-    index of the form's sentence."""
+    """Holds the numbers of a sentence. changes: numbers shown with sign and the term's unit.
+    which: index of the form's sentence."""
 
     changes: Mapping[str, float] = {}
     numbers: Mapping[str, float] = {}
@@ -178,7 +182,7 @@ class TriedForm(NamedTuple):
     over: tuple[str, ...]
     shape: Shape
     columns: Columns
-    # Number of such forms that are tried, at different places or with different memory.
+    # Number of such forms that are tried, at different positions or with different memory.
     places: int = 1
 
     @property
@@ -187,13 +191,13 @@ class TriedForm(NamedTuple):
         return PRICE_PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
 
     def change_shape(self, shape: Shape, by: Mapping[str, ScaledVariable]) -> TriedForm:
-        """Returns the same form with another shape."""
+        """Returns the form with another shape."""
         return self._replace(
             shape=shape, columns=self.kind.make_columns(shape, by[self.over[0]], by[self.over[-1]])
         )
 
     def calc_rows(self, by: Mapping[str, ScaledVariable]) -> Array:
-        """Returns its columns over the rows (amplitudes, rows)."""
+        """Returns the form's columns over the rows (amplitudes, rows)."""
         return np.array(
             [
                 sum(weight * series.calc_rows(by) for series, weight in one.items())
@@ -209,32 +213,42 @@ class TriedForm(NamedTuple):
         )
 
 
-FORMS: dict[str, type[TermForm]] = {}  # in the order in which they are written
+# Forms in the order in which they are listed.
+FORMS: dict[str, type[TermForm]] = {}
 
 
 class TermForm:
-    """Defines one form. x is its variable and y its second one, or x again where it has only
-    one."""
+    """Defines one form. x is its first variable; y is its second, or x again for a form of one
+    variable."""
 
     form: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]] = ()  # coefficients that it must have ...
-    may: ClassVar[tuple[str, ...]] = ("level",)  # ... and that it may have
-    means: ClassVar[str]  # the formula
-    positive: ClassVar[tuple[str, ...]] = ()  # coefficients that are more than 0
+    # Required coefficients.
+    needs: ClassVar[tuple[str, ...]] = ()
+    # Optional coefficients.
+    may: ClassVar[tuple[str, ...]] = ("level",)
+    # Formula as text.
+    means: ClassVar[str]
+    # Coefficients that must be positive.
+    positive: ClassVar[tuple[str, ...]] = ()
     variables: ClassVar[int] = 1
     only_over: ClassVar[tuple[str, ...]] = ()
-    # {what} it acts on, its {unit}, {x}, {y}, their units {per}, {per2}
+    # Sentences with placeholders: {what} the term acts on, its {unit}, variables {x} and {y}, their
+    # units {per}, {per2}.
     sentences: ClassVar[tuple[str, ...]]
-    # it says a change for each unit of x, and of nothing else of x
+    # Whether the sentence states a change per unit of x and no other number of x.
     each_unit: ClassVar[bool] = False
-    # it says something of one run, nothing of the machine
+    # Whether the form describes a single run only, not the machine.
     one_run: ClassVar[bool] = False
-    main: ClassVar[str] = ""  # the coefficient whose interval is reported
-    # an edge that is a little off hides how good it is
+    # Coefficient whose interval is reported.
+    main: ClassVar[str] = ""
+    # Whether the form is discontinuous: a small error of its edge then hides a good fit.
     leaps: ClassVar[bool] = False
-    of_moves: ClassVar[bool] = False  # it says how its variable has been moving
-    movable: ClassVar[tuple[str, ...]] = ()  # of its shape
-    has_level: ClassVar[bool] = True  # what it does on the mean is fitted along
+    # Whether the form describes the previous movement of its variable.
+    of_moves: ClassVar[bool] = False
+    # Coefficients of the shape that are refined.
+    movable: ClassVar[tuple[str, ...]] = ()
+    # Whether the form's mean is fitted as well.
+    has_level: ClassVar[bool] = True
 
     def __init_subclass__(cls, form: str | None = None) -> None:
         if form is not None:
@@ -243,7 +257,8 @@ class TermForm:
 
     @staticmethod
     def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
-        """Returns its value without the level. slow: x, filtered with the time constant tau_s."""
+        """Returns the form's value without the level. slow: x, filtered with the time constant
+        tau_s."""
         raise NotImplementedError
 
     @staticmethod
@@ -252,7 +267,7 @@ class TermForm:
 
     @classmethod
     def list_candidates(cls, x: ScaledVariable) -> list[TriedForm]:
-        """Returns the form over one variable, at all places where it is searched."""
+        """Returns the form over one variable, at all positions of the search."""
         if (
             (x.name not in cls.only_over)
             if cls.only_over
@@ -273,7 +288,7 @@ class TermForm:
 
     @classmethod
     def count_places(cls, x: ScaledVariable, shapes: int) -> int:
-        """Returns how many different forms its shapes are: they share its prior."""
+        """Returns the number of different forms among its shapes, which share its prior."""
         return shapes
 
     @classmethod
@@ -282,14 +297,14 @@ class TermForm:
 
     @classmethod
     def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
-        """Returns a part of the shape that many steps away."""
+        """Returns a coefficient of the shape moved by a number of steps."""
         return shape[name] + SHAPE_STEP * steps
 
     @classmethod
     def calc_coefficients(
         cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
-        """Returns the file's coefficients for amplitudes `a` and a level."""
+        """Returns the machine file's coefficients for amplitudes `a` and a level."""
         raise NotImplementedError
 
     @classmethod

@@ -1,4 +1,6 @@
-"""Which forms may a term have? One class for each, with everything that is known of it (`form`)."""
+"""Which forms may a term have? The module has a class for each form, with all of its properties
+(`form`).
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Form(StrEnum):
-    """Lists the forms, a closed list. The place of a form in it is its number in compiled code."""
+    """Lists the forms, a closed list. The index of a form is its number in compiled code."""
 
     SLOPE = "slope"
     BEND = "bend"
@@ -47,30 +49,33 @@ class Form(StrEnum):
     TABLE = "table"
 
 
-# Greatest number of nodes of a table. Places where forms are tried are so dense that a shape moved
-# from the nearest one reaches the best one.
+# Maximum number of nodes of a table. The trial positions are so dense that refinement from the
+# nearest reaches the best.
 MAX_TABLE_NODES = 8
+# Trial time constants of a memory, s.
 CANDIDATE_MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
-# Time constants, s, over which the direction of a variable's movement is determined.
+# Time constants over which the direction of a variable's movement is determined, s.
 DIRECTION_TAUS_S = (1.5, 5.0)
 # Difference that determines the direction, as a share of the variable's spread.
 DIRECTION_SHARE = 0.1
-# Share of the variance along an axis below which there is none across it.
+# Share of the variance along an axis below which there is no variance across the axis.
 ONE_AXIS_SHARE = 0.03
-# Angle from an axis up to which the values along it hold, and from which on they do not, degrees.
+# Angles from an axis, degrees: up to the first the values along the axis are valid, beyond the
+# second they are not.
 AXIS_HOLDS_DEG = (15.0, 30.0)
+# Trial numbers of cycles in a full turn.
 CANDIDATE_CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
+# Number of trial edges of a span.
 SPAN_EDGES = 24
-# Places of either edge of a span: it is known to some per cent of the log.
+# Number of distinguishable positions of a span's edge, for its prior: some per cent of the log.
 SPAN_PLACES = 100
-# Smooth half-waves that a table is made of.
+# Number of smooth half-waves that form a table.
 TABLE_WAVES = 4
-# Share of its size that a memory may leave when nothing changes any more.
+# Maximum remaining share of a memory after the last change.
 FORGETTING_SHARE = 0.2
 
 
-# -- straight lines and bends
-# ------------------------------------------------------------------------------------------
+# The following forms are straight lines and bends.
 
 
 def make_line_series(x: ScaledVariable, at: float) -> Array:
@@ -90,6 +95,8 @@ def clip_value(x: float, low: float, high: float) -> float:
 
 
 class SlopeForm(TermForm, form=Form.SLOPE):
+    """Form proportional to its variable."""
+
     needs, may, main, each_unit = ("slope",), ("at", "level"), "slope", True
     means = "level + slope (x - at)"
     sentences = (
@@ -118,6 +125,8 @@ class SlopeForm(TermForm, form=Form.SLOPE):
 
 
 class BendForm(TermForm, form=Form.BEND):
+    """Form with a quadratic curve."""
+
     needs, may = ("bend",), ("slope", "at", "level")
     means = "level + slope (x - at) + bend (x - at)^2"
     sentences = (
@@ -157,7 +166,7 @@ class BendForm(TermForm, form=Form.BEND):
 
 
 class _PlacedForm(TermForm):
-    """Defines a form with a place where it bends or jumps."""
+    """Defines a form with a position at which it bends or jumps."""
 
     needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
 
@@ -167,6 +176,8 @@ class _PlacedForm(TermForm):
 
 
 class HingeForm(_PlacedForm, form=Form.HINGE):
+    """Form with different slopes below and above a position."""
+
     means = "level + below (x - at) where x is less than at, above (x - at) where it is more"
     sentences = (
         "{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",
@@ -224,6 +235,8 @@ class _EndedForm(TermForm):
 
 
 class SaturationForm(_EndedForm, form=Form.SATURATION):
+    """Form that is linear between two ends and constant beyond them."""
+
     means = "level + slope (x - low_end), x held between low_end and high_end"
     sentences = (
         "{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further",
@@ -247,7 +260,7 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
 
     @classmethod
     def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
-        """Returns shapes between every two places, and from an end of the range on."""
+        """Returns shapes between every two positions, and from an end of the range."""
         low, high = x.z_range
         return [
             {"low_end": a, "high_end": b}
@@ -257,7 +270,7 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
 
     @classmethod
     def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
-        """Returns z limited to the ends, 0 where z is 0."""
+        """Returns z limited to the ends, and 0 where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
         return (
             {
@@ -280,7 +293,7 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
 
 class LostConstantForm(SaturationForm):
     """Defines a constant that is lost from every command above 0: a saturation from there on. x:
-    the commands as they are."""
+    the unscaled commands."""
 
     movable, has_level = (), False
 
@@ -312,6 +325,8 @@ class LostConstantForm(SaturationForm):
 
 
 class DeadZoneForm(_EndedForm, form=Form.DEAD_ZONE):
+    """Form that is zero between two ends and linear beyond them."""
+
     means = "level between low_end and high_end, + slope for each unit beyond them"
     sentences = (
         "{what} changes by {size} for each {per} of {x} beyond {low} to {high} {per}, and "
@@ -345,6 +360,8 @@ class DeadZoneForm(_EndedForm, form=Form.DEAD_ZONE):
 
 
 class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
+    """Form that jumps at a position."""
+
     main, leaps = "above", True
     means = "level + above where x is more than at, else + below"
     sentences = ("{what} differs by {size} where {x} is above {at} {per}",)
@@ -373,8 +390,7 @@ def make_beyond_series(x: ScaledVariable, at: float) -> Array:
     return (x.z > at).astype(np.float64)
 
 
-# -- of two variables
-# --------------------------------------------------------------------------------------------------
+# The following form has two variables.
 
 
 def make_product_series(x: ScaledVariable, y: ScaledVariable, at: float) -> Array:
@@ -382,6 +398,8 @@ def make_product_series(x: ScaledVariable, y: ScaledVariable, at: float) -> Arra
 
 
 class ProductForm(TermForm, form=Form.PRODUCT):
+    """Form of the product of two variables."""
+
     needs, may, variables, main = ("slope",), ("at", "second_at", "level"), 2, "slope"
     means = "level + slope (x - at) (y - second_at)"
     sentences = (
@@ -408,7 +426,7 @@ class ProductForm(TermForm, form=Form.PRODUCT):
     def list_pair_candidates(
         cls, x: ScaledVariable, y: ScaledVariable, alone: int = 2
     ) -> list[TriedForm]:
-        """Returns the product together with the separate effects of `alone` of its variables."""
+        """Returns the product together with the separate effects of the variables `alone`."""
         return [
             TriedForm(cls, (x.name, y.name), one, cls.make_columns(one, x, y))
             for one in ({}, {"alone": float(alone)})
@@ -437,8 +455,7 @@ class ProductForm(TermForm, form=Form.PRODUCT):
         }
 
 
-# -- of how a variable has been moving
-# ---------------------------------------------------------------------------------
+# The following forms describe the previous movement of a variable.
 
 
 def make_memory_series(x: ScaledVariable, tau_s: float) -> Array:
@@ -455,6 +472,8 @@ def make_direction_series(x: ScaledVariable, tau_s: float) -> Array:
 
 
 class MemoryForm(TermForm, form=Form.MEMORY):
+    """Form of a first-order memory of its variable."""
+
     needs, may, positive = ("bend", "tau_s"), ("slope", "at", "level"), ("tau_s",)
     movable, main, of_moves = ("tau_s",), "bend", True
     means = "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"
@@ -513,6 +532,8 @@ class MemoryForm(TermForm, form=Form.MEMORY):
 
 
 class SideForm(TermForm, form=Form.SIDE):
+    """Form that differs between a rising and a falling variable."""
+
     needs, may, positive = (
         ("high_end",),
         ("below", "above", "at", "tau_s", "level"),
@@ -565,8 +586,7 @@ class SideForm(TermForm, form=Form.SIDE):
         }
 
 
-# -- round and round, for a while, and any other curve
-# -----------------------------------------------------------------
+# The following forms are periodic, temporary, or tables.
 
 
 def make_sine_series(x: ScaledVariable, cycles: float) -> Array:
@@ -578,6 +598,8 @@ def make_cosine_series(x: ScaledVariable, cycles: float) -> Array:
 
 
 class PeriodicForm(TermForm, form=Form.PERIODIC):
+    """Form that is periodic in an angle."""
+
     needs, may, positive, only_over = ("cycles",), ("sine", "cosine", "level"), ("cycles",), ANGLES
     means = "level + sine sin(cycles x) + cosine cos(cycles x), x an angle"
     sentences = ("{what} swings by {size} {unit} to both sides, {count} times a turn of {x}",)
@@ -595,9 +617,11 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
-        """Returns cycles to try. Where all angles lie on one axis (up and down a field) sine and
-        cosine cannot be separated: one cycle along that axis is tried, which says nothing about
-        other headings."""
+        """Returns trial numbers of cycles.
+
+        Where all angles are on one axis (up and down a field), sine and cosine cannot be separated.
+        A single cycle along that axis is then tried, which says nothing about other headings.
+        """
         strengths, axes = np.linalg.eigh(
             np.cov([make_sine_series(x, 1.0)[x.work], make_cosine_series(x, 1.0)[x.work]])
         )
@@ -626,7 +650,7 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
         cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> WrittenForm:
         """Writes a cycle along one axis as a table over the headings 0 to 360: the values along
-        the axis in both directions, and the level where the machine was not driven."""
+        the axis in both directions, and the level in other directions."""
         if "sine" not in shape:
             return super().write_form(shape, a, level, x, y)
         nodes, values = make_two_way_table(calc_axis_deg(shape))
@@ -638,11 +662,12 @@ def calc_axis_deg(shape: Shape) -> float:
 
 
 def make_two_way_table(axis: float) -> tuple[list[float], list[float]]:
-    """Returns a table over the headings 0 to 360: 1 along an axis (deg), -1 in the opposite
+    """Returns a table over the headings 0 to 360: 1 along an axis (degrees), -1 in the opposite
     direction, 0 across."""
     inner, outer = AXIS_HOLDS_DEG
     half_turns = int((axis + outer) // 180.0)
-    # from -outer to 180 - outer: the way through north first, if one is
+    # The range is -outer to 180 - outer, so that the direction through north comes first, if there
+    # is one.
     axis -= 180.0 * half_turns
     size = (-1.0) ** half_turns
     edges = [axis - outer, axis - inner, axis + inner, axis + outer]
@@ -670,6 +695,8 @@ def make_since_series(x: ScaledVariable, at: float) -> Array:
 
 
 class SpanForm(TermForm, form=Form.SPAN):
+    """Form that is constant between two times."""
+
     needs, may, only_over = ("low_end", "high_end", "above"), ("grows", "level"), ("time_s",)
     movable, main, one_run, leaps, has_level = ("low_end", "high_end"), "above", True, True, False
     means = "level + above from low_end to high_end (s), growing to it with grows 1"
@@ -723,13 +750,16 @@ class SpanForm(TermForm, form=Form.SPAN):
 
 
 def make_wave_series(x: ScaledVariable, n: float) -> Array:
-    """Returns a half-wave as the file has it: straight lines between its values at the nodes."""
+    """Returns a half-wave as the machine file stores it: linear interpolation between its values
+    at the nodes."""
     low, high = x.z_range
     share = np.linspace(0.0, 1.0, MAX_TABLE_NODES)
     return np.interp(x.z, low + (high - low) * share, np.cos(np.pi * n * share))
 
 
 class TableForm(TermForm, form=Form.TABLE):
+    """Form with values at nodes and linear interpolation."""
+
     means = "straight lines through nodes and values, held beyond the ends"
     sentences = ("{what} follows {x} in a curve of its own, from {low} to {high}",)
 

@@ -1,5 +1,6 @@
-"""How does the metering gate follow its command? Command mm -> true mm and displacement reading:
-dead time, slew, play, lost steps."""
+"""How does the metering gate follow its command? The model maps the command, mm, to true opening
+and displacement reading: dead time, slew rate, backlash, lost steps.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +13,8 @@ from .elements import DelayLine, make_line, put_in_line, read_held_line
 
 
 class Gate(NamedTuple):
+    """Parameters of the gate and of its effects."""
+
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     slew_mm_s: Annotated[float, Field(ge=0.1, le=500)] = 20.0
     full_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
@@ -135,30 +138,40 @@ class Gate(NamedTuple):
 
 
 class GateInput(NamedTuple):
+    """Inputs of the gate."""
+
     command_mm: float
-    more_mm: float = 0.0  # of the machine file's terms
+    # Sum of the machine file's terms, mm.
+    more_mm: float = 0.0
 
 
 class GateState(NamedTuple):
+    """State of the gate."""
+
     time_s: float
-    driven_mm: float  # where the stepper believes it is
-    carried_mm: float  # the gate behind the play
+    # Position by the count of the stepper motor, mm.
+    driven_mm: float
+    # Position of the gate behind the backlash, mm.
+    carried_mm: float
     travelled_mm: float
     line: DelayLine
 
 
 class GateOutput(NamedTuple):
-    opening_mm: float  # true
+    """Outputs of the gate."""
+
+    # True opening, mm.
+    opening_mm: float
     measured_mm: float
 
 
 def make_gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
-    """Returns a gate that stands at `opening_mm` with that command for ever."""
+    """Returns a gate that stands at `opening_mm` under a constant command."""
     return GateState(time_s, opening_mm, opening_mm, 0.0, make_line(opening_mm))
 
 
 def step_gate(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
-    """Advances the gate by one step of `dt_s` with the command held; the outputs are those at
+    """Advances the gate by one step of `dt_s` with a constant command; the outputs are those at
     its end."""
     line = put_in_line(s.line, s.time_s, u.command_mm)
     slew = max(0.0, p.slew_mm_s - p.slow_mm_s) * (1.0 - p.stuck)

@@ -1,4 +1,4 @@
-"""What does a canopy head read from the true NDVI under it, before noise? It has no memory."""
+"""What does a canopy head read from the true NDVI below, before noise? The model has no memory."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from pydantic import Field
 
 from .effect import Effect
 
-# Time constant of settling after power-on, s.
+# Time constant of warming up after power-on, s.
 WARM_UP_S = 600.0
 
 
 class Heads(NamedTuple):
+    """Parameters of the heads' effects."""
+
     fouled_percent: Annotated[
         float,
         Field(ge=-90, le=90),
@@ -71,9 +73,13 @@ class Heads(NamedTuple):
 
 
 class HeadInput(NamedTuple):
+    """Inputs of a head."""
+
     ndvi: float
-    head: float  # 1-based
-    on_s: float  # since power-on
+    # Number of the head, from 1.
+    head: float
+    # Time since power-on, s.
+    on_s: float
 
 
 def read_head(p: Heads, u: HeadInput) -> float:

@@ -1,4 +1,4 @@
-"""Which changes has a machine file had, and how is the last one undone?"""
+"""Which changes did a machine file have, and how is the last one undone?"""
 
 from __future__ import annotations
 
@@ -28,13 +28,16 @@ def find_last_change(machine: Machine) -> Change | None:
 
 
 def undo_last_change(machine: Machine, *, date: str = "") -> Machine:
-    """Returns the machine with its last change undone; the history keeps it, with the day.
+    """Returns the machine with its last change undone; the history keeps the change with the day of
+    the undoing.
 
-    An effect that was changed by hand since keeps that: only the change itself is subtracted.
+    An effect that was changed by hand since keeps that change: only the undone change is
+    subtracted.
 
     Raises
     ------
-    ValueError : nothing is left to undo."""
+    ValueError : no change is left to undo.
+    """
     last = find_last_change(machine)
     if last is None:
         raise ValueError(
@@ -68,7 +71,7 @@ def undo_last_change(machine: Machine, *, date: str = "") -> Machine:
 
 
 def _find_resized(before: Machine, after: Machine) -> Iterator[Resized]:
-    """Yields the effects whose size differs."""
+    """Yields the effects with different sizes."""
     for effect_id, entry in CATALOGUE.items():
         old, new = (
             getattr(getattr(one, entry.stage), entry.field) - entry.neutral

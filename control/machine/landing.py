@@ -1,5 +1,6 @@
-"""Where does released material land? Mass is conserved: parcels are binned, a signal is never
-shifted."""
+"""Where does released material land? Mass is conserved: parcels are binned, and no signal is
+shifted.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 from .elements import Array
 from .fall import MIN_DROP_S
 
-# Bisection steps of the longest drop time: 2 s to a nanosecond.
+# Number of bisection steps of the longest drop time: from 2 s to a nanosecond.
 BISECTION_STEPS = 30
 
 
@@ -28,12 +29,13 @@ class LandedGround(NamedTuple):
 
 
 def calc_carried_s(time_s: Array, settled_s: Array) -> Array:
-    """Returns the time to the ground of material released at each time, (n,) s, where the stream
-    in the tube sets its pace.
+    """Returns the drop time of material released at each time, (n,) s, where the stream in the tube
+    determines its pace.
 
-    time_s: (n,) rising; settled_s: (n,) drop time at the shaft speed of that time, held to the
-    next. At every moment all falling material moves by dt / settled_s of its way. Nothing
-    overtakes. After the end the last pace holds."""
+    time_s: (n,) increasing; settled_s: (n,) drop time at the shaft speed of that time, constant
+    until the next. At every moment all falling material moves by dt / settled_s of its path. No
+    granule overtakes. After the end the last pace continues.
+    """
     pace = 1.0 / np.maximum(settled_s, MIN_DROP_S)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * pace[:-1])])
     beyond = 1.0 / pace[-1]
@@ -44,19 +46,20 @@ def calc_carried_s(time_s: Array, settled_s: Array) -> Array:
 
 
 def calc_fall_times_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
-    """Returns the time to the ground of material released at each time, (n,) s, where the stream
-    sets a share of its pace.
+    """Returns the drop time of material released at each time, (n,) s, where the stream determines
+    a share of its pace.
 
-    A granule has landed when the integral of share / settled_s(of the moment) + (1 - share) /
-    settled_s(of its release) is 1: `calc_carried_s` at a share of 1; at 0 each falls by itself, and
-    those of a quicker shaft overtake."""
+    A granule has landed when the integral of share / settled_s(at the moment) + (1 - share) /
+    settled_s(at its release) is 1. A share of 1 equals `calc_carried_s`; at 0 each granule falls
+    independently, and those of a faster shaft overtake.
+    """
     if carried_share >= 1.0:
         return calc_carried_s(time_s, settled_s)
     own = np.maximum(settled_s, MIN_DROP_S)
     if carried_share <= 0.0:
         return np.asarray(own, dtype=np.float64)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) / own[:-1])])
-    # After the end the last pace holds.
+    # After the end the last pace continues.
     last = np.append(time_s, time_s[-1] + 1e3 * own[-1])
     ways = np.append(way, way[-1] + 1e3)
     low, high = np.zeros(len(own)), np.full(len(own), float(own.max()))
@@ -78,18 +81,18 @@ def bin_landings(
     bin_m: float,
     lever_arm_m: float = 0.0,
 ) -> tuple[LandedGround, Array]:
-    """Bins parcels by the outlet's place when they land.
+    """Bins parcels by the outlet's position when they land.
 
-    Returns the ground and each parcel's place (n,), m along the track. A parcel is spread
-    evenly between its own landing place and the next one's, so that bins finer than a tick's
-    travel do not show a comb; parcels may overtake one another. kg landed equal kg released.
+    Returns the ground and each parcel's position (n,), m along the track. A parcel is spread evenly
+    between its own landing position and that of the next, so that bins finer than a tick's travel
+    do not show a comb. Parcels may overtake one another. The landed mass equals the released mass.
 
     Parameters
     ----------
-    time_s : (n,) release times, rising.
-    track_m : (n,) outlet's distance along the track at those times.
-    mass_kg : (n,) released from time_s[k] to time_s[k+1].
-    drop_s : (n,) each parcel's own time to the ground."""
+    time_s : (n,) release times, increasing, s. track_m : (n,) outlet's distance along the track at
+    those times, m. mass_kg : (n,) mass released from time_s[k] to time_s[k+1], kg. drop_s : (n,)
+    each parcel's own drop time, s.
+    """
     place = np.interp(time_s + drop_s, time_s, track_m) + lever_arm_m
     beyond = time_s + drop_s > time_s[-1]
     if len(time_s) > 1 and np.any(beyond):

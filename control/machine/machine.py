@@ -1,5 +1,6 @@
-"""What does a machine file contain? Stages, measures, limits, noise and tolerances of one
-machine."""
+"""What does a machine file contain? Stages, dimensions, limits, noise and tolerances of one
+machine.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +34,22 @@ STAGES: dict[str, Any] = {
 }
 CATALOGUE: dict[str, CatalogueEntry] = make_catalogue(STAGES)
 
-# Ranges of any machine: the widest booms and discs spread 54 m, the smallest bench has one row.
+# Valid ranges for any machine, m: the widest booms and discs spread 54 m, the smallest bench has
+# one row.
 Width = Annotated[float, Field(ge=0.1, le=60)]
 Height = Annotated[float, Field(gt=0, le=10)]
-# r/min: fans and small motors of rigs turn so fast
+# Shaft speed, r/min: fans and small motors of rigs reach this speed.
 Turning = Annotated[float, Field(gt=0, le=1e5)]
-Opening = Annotated[float, Field(gt=0, le=500)]  # mm, as `gate.full_mm`
-Resolution = Annotated[float, Field(ge=1e-4, le=50)]  # of a drive's set-point
-Share = Annotated[float, Field(ge=1e-6, le=100)]  # %
+# Opening, mm, as `gate.full_mm`.
+Opening = Annotated[float, Field(gt=0, le=500)]
+# Resolution of a drive's set-point.
+Resolution = Annotated[float, Field(ge=1e-4, le=50)]
+# Share, %.
+Share = Annotated[float, Field(ge=1e-6, le=100)]
 Seconds = Annotated[float, Field(ge=1e-6, le=60)]
-Member = Annotated[int, Field(ge=1, le=100)]  # a head or an outlet
-# Limits of a file that many diagnoses have changed.
+# Number of a head or an outlet.
+Member = Annotated[int, Field(ge=1, le=100)]
+# Maximum numbers of terms and of other entries in a file that many diagnoses have changed.
 MAX_TERMS, MAX_ENTRIES = 100, 2000
 
 
@@ -51,8 +57,8 @@ StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads", "effort"
 
 
 class Geometry(FrozenModel):
-    """Holds the measures of the machine. Places along the track are relative to the outlets,
-    forward positive."""
+    """Holds the dimensions of the machine. Positions along the track are relative to the
+    outlets, forward positive."""
 
     working_width_m: Width = 2.4
     outlets: Annotated[int, Field(ge=1, le=100)] = 6
@@ -64,8 +70,8 @@ class Geometry(FrozenModel):
 
 
 class Limits(FrozenModel):
-    """Holds the limits of the commands to the drives. A shaft command of 0 stops it; between 0
-    and the lowest there is none."""
+    """Holds the limits of the commands to the drives. A shaft command of 0 stops the shaft; no
+    command lies between 0 and the lowest."""
 
     shaft_low_rpm: Annotated[float, Field(ge=0, le=1e5)] = 10.0
     shaft_high_rpm: Turning = 100.0
@@ -77,8 +83,12 @@ class Limits(FrozenModel):
 
 
 class SetPoints(FrozenModel):
-    shaft_rpm: Turning = 70.0  # opening first
-    opening_mm: Opening = 25.0  # speed first
+    """Set-points of the two strategies."""
+
+    # Shaft speed of the strategy opening first, r/min.
+    shaft_rpm: Turning = 70.0
+    # Opening of the strategy speed first, mm.
+    opening_mm: Opening = 25.0
 
 
 class Noise(FrozenModel):
@@ -94,7 +104,8 @@ class Noise(FrozenModel):
     gnss_m: Annotated[float, Field(ge=0, le=20)] = 0.02
     supply_v: Annotated[float, Field(ge=0, le=10)] = 0.05
     pitch_deg: Annotated[float, Field(ge=0, le=20)] = 0.1
-    effort: Annotated[float, Field(ge=0, le=100)] = 1.0  # in `effort_unit`
+    # Noise of the effort in `effort_unit`.
+    effort: Annotated[float, Field(ge=0, le=100)] = 1.0
 
 
 class Tolerance(FrozenModel):
@@ -109,18 +120,18 @@ class Tolerance(FrozenModel):
     gate_slew_percent: Share = 3.0
     opening_mm: Annotated[float, Field(ge=1e-6, le=100)] = 0.01
     head_percent: Share = 0.1
-    # Lag paper, table 3: the slope of 70 drop times up to 70 r/min, standard error by their own
-    # scatter.
+    # Standard error of the slope of 70 drop times up to 70 r/min, by their own scatter (lag paper,
+    # table 3).
     drop_s_per_rpm: Annotated[float, Field(ge=1e-6, le=1)] = 0.001
-    # The default means that nobody has measured it, see `tube_is_settled`.
+    # The default means that nobody has measured the share, see `tube_is_settled`.
     carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5
-    # A sound ball screw from run to run 1.8 %, from session to session 3.5 % (doi
-    # 10.17862/cranfield.rd.5097649).
+    # The friction of a healthy ball screw differs from run to run by 1.8 %, from session to session
+    # by 3.5 % (doi 10.17862/cranfield.rd.5097649).
     effort_percent: Share = 2.5
 
 
 class Adopted(FrozenModel):
-    """Holds the origin of an effect in this file, and its range of validity."""
+    """Holds the origin of an effect in this file, and the effect's range of validity."""
 
     id: str
     size: Number
@@ -144,8 +155,8 @@ class Resized(FrozenModel):
 
 
 class Change(FrozenModel):
-    """Holds what a diagnosis changed in this file, and its data; `undone`: the day it was
-    undone."""
+    """Holds a change of this file by a diagnosis, with its data; `undone`: the day of its
+    undoing."""
 
     date: str = ""
     data: str = ""
@@ -174,12 +185,13 @@ class Machine(FrozenModel):
     heads: Heads = Heads()
     fall: Fall = Fall()
     effort: Effort = Effort()
-    effort_unit: Literal["%", "A", "N m"] = "%"  # of how hard the drives work
+    # Unit of the drives' effort.
+    effort_unit: Literal["%", "A", "N m"] = "%"
     limits: Limits = Limits()
     set_points: SetPoints = SetPoints()
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
-    # left to right; none: one whole
+    # Sections from left to right; empty for a machine without sections.
     sections: Annotated[tuple[Section, ...], Field(max_length=MAX_SECTIONS)] = ()
     terms: Annotated[tuple[Term, ...], Field(max_length=MAX_TERMS)] = ()
     adopted: Annotated[tuple[Adopted, ...], Field(max_length=MAX_ENTRIES)] = ()
@@ -240,8 +252,12 @@ class Machine(FrozenModel):
         return self
 
     def has_stage(self, stage: str) -> bool:
-        """Returns whether the machine has a stage: others are neither needed nor reported.
-        `gate_effort`: the gate's drive reports its effort, `effort` the shaft's."""
+        """Returns whether the machine has a stage; a missing stage is neither required nor
+        reported.
+
+        `gate_effort`: whether the gate's drive reports its effort; `effort`: whether the shaft's
+        does.
+        """
         if stage in ("effort", "gate_effort"):
             e = self.effort
             own = e.coulomb + e.viscous if stage == "effort" else e.gate_coulomb + e.gate_viscous
@@ -258,8 +274,7 @@ class Machine(FrozenModel):
 
     @property
     def tube_is_settled(self) -> bool:
-        """Returns whether somebody has measured how far the air stream sets the pace in the
-        tube."""
+        """Returns whether the air stream's share of the pace in the tube was measured."""
         return self.tolerance.carried_share <= SETTLED_TUBE_SD
 
     @property
@@ -270,15 +285,15 @@ class Machine(FrozenModel):
         )
 
 
-# Tolerance of the carried share up to which the tube counts as measured.
+# Maximum tolerance of the carried share for the tube to count as measured.
 SETTLED_TUBE_SD = 0.2
-# The defaults of its parts; not validated, because validation needs this constant.
+# Machine with all defaults; not validated, because validation needs this constant.
 NOMINAL_MACHINE = Machine.model_construct()
 
 
 def scale_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
-    """Returns the product of figures of the machine file ("limits.shaft_high_rpm") as a multiple
-    of the nominal machine's."""
+    """Returns the product of numbers of the machine file ("limits.shaft_high_rpm"), relative to
+    the nominal machine's."""
     share = 1.0
     for figure in figures:
         share *= _read_figure(machine, figure) / _read_figure(NOMINAL_MACHINE, figure)
@@ -300,27 +315,26 @@ class SizeBounds(NamedTuple):
 
 
 def calc_size_scale(effect_id: str, machine: Machine) -> float:
-    """Returns the factor of this machine on the bounds and tried sizes of an effect on the
+    """Returns the factor of this machine on the bounds and trial sizes of an effect on the
     nominal machine."""
     return scale_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
 
 
 def find_size_bounds(effect_id: str, machine: Machine) -> SizeBounds:
-    """Returns the range of an effect's size on a machine. Raises KeyError for an id that is not
-    catalogued."""
+    """Returns the range of an effect's size on a machine. Raises KeyError for an unknown id."""
     entry, scale = CATALOGUE[effect_id], calc_size_scale(effect_id, machine)
     return SizeBounds(scale * (entry.low - entry.neutral), scale * (entry.high - entry.neutral))
 
 
 def describe_unit(effect_id: str, machine: Machine) -> str:
-    """Returns the unit of an effect's size on a machine: it may contain a figure of its file."""
+    """Returns the unit of an effect's size on a machine, which may contain a number of its file."""
     return CATALOGUE[effect_id].effect.unit_form.format(
         **{name: getattr(machine, name) for name in STAGES}
     )
 
 
 def describe_allowed_sizes(effect_id: str, machine: Machine) -> str:
-    """Returns the allowed sizes in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is
+    """Returns the allowed sizes as text: "allowed 0 to 390 r/min where limits.shaft_high_rpm is
     650"."""
     low, high = find_size_bounds(effect_id, machine)
     figures = [
@@ -333,13 +347,14 @@ def describe_allowed_sizes(effect_id: str, machine: Machine) -> str:
 
 
 def add_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
-    """Returns the machine with one effect at `size` (its catalogue unit; 1 for those whose size
-    is an onset).
+    """Returns the machine with one effect at `size` (in its catalogue unit; 1 for effects whose
+    size is an onset).
 
     Raises
     ------
-    KeyError : the id is not catalogued.
-    ValueError : size or member are out of the machine's bounds."""
+    KeyError : the id is not in the catalogue. ValueError : size or member are out of the machine's
+    bounds.
+    """
     entry = CATALOGUE[effect_id]
     low, high = find_size_bounds(effect_id, machine)
     if not entry.effect.onset_only and not low <= size <= high:

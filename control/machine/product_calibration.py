@@ -1,4 +1,6 @@
-"""How does a machine meter a product? By the flow of that product's newest catch test with it."""
+"""How does a machine meter a product? By the flow of that product's newest catch test with the
+machine.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ CATCH_TEST_PARAMETERS = (
 
 
 def find_newest_test_date(machine: Machine) -> dt.date | None:
-    """Returns the day of the newest catch test behind the machine's flow; None: no test, or no
-    known day."""
+    """Returns the day of the newest catch test behind the machine's flow; None for no test or an
+    unknown day."""
     days = [
         one.date
         for one in machine.adopted

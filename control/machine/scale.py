@@ -1,8 +1,9 @@
-"""What does the hopper scale read from the true mass? The tare is taken full at the start; noise
-and rounding follow.
+"""What does the hopper scale read from the true mass? The tare is set with a full hopper at the
+start; noise and rounding follow.
 
-A cell fixed to the frame carries what presses across it: weight x cos(pitch). One that hangs, or
-whose electronics correct it by an inclinometer, reads none of that."""
+A cell fixed to the frame bears only the perpendicular component: weight x cos(pitch). A hanging
+cell, or one that an inclinometer corrects, has no such loss.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +16,8 @@ from .effect import HOPPER_CAPACITY, Effect
 
 
 class Scale(NamedTuple):
+    """Parameters of the scale and of its effects."""
+
     resolution_kg: Annotated[float, Field(ge=1e-4, le=10)] = 0.05
     gain_percent: Annotated[
         float,
@@ -72,16 +75,19 @@ class Scale(NamedTuple):
             ),
         ),
     ] = 0.0
-    # of the weight's loss with the cosine of the pitch: 1 cells fixed to the frame, 0 hanging ones
-    # or corrected ones
+    # Share of the cosine loss that the scale has: 1 for cells fixed to the frame, 0 for hanging or
+    # corrected cells.
     cosine_share: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
 class ScaleInput(NamedTuple):
+    """Inputs of the scale."""
+
     hopper_kg: float
     time_s: float
     pitch_deg: float = 0.0
-    more_kg: float = 0.0  # of the machine file's terms
+    # Sum of the machine file's terms, kg.
+    more_kg: float = 0.0
 
 
 def read_scale(p: Scale, u: ScaleInput) -> float:

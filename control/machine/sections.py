@@ -1,8 +1,9 @@
-"""Which outlets open and close together? The sections of a machine.
+"""Which outlets open and close together? This module defines the sections of a machine.
 
-One roller meters for all outlets; its mass is shared evenly by the open ones. A section's valve
-stands where its tubes begin, so that material behind it falls for a whole drop time. With every
-valve closed nothing flows: what the roller carries round returns to the hopper."""
+One roller meters for all outlets; the open outlets share its mass evenly. A section's valve is at
+the start of its tubes, so that material behind the valve falls for a whole drop time. With every
+valve closed nothing flows: the material on the roller returns to the hopper.
+"""
 
 from __future__ import annotations
 
@@ -12,27 +13,28 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 from topdress.control.frozen_model import FrozenModel
 
-# Greatest number of sections: relays of a rate module, and bits of a board's command.
+# Maximum number of sections: relays of a rate module, and bits of a board's command.
 MAX_SECTIONS = 16
 
 
 class Valve(FrozenModel):
-    """Opens and closes after its delay, instantly. Without power it closes."""
+    """Holds the delays of a valve, which opens and closes instantly after its delay. Without
+    power the valve closes."""
 
     open_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     close_s: Annotated[float, Field(ge=0, le=2)] = 0.0
 
 
 class Section(FrozenModel):
-    """Holds the outlets of a section, as wide as their share of the working width."""
+    """Holds the outlets of a section; its width is their share of the working width."""
 
     outlets: Annotated[int, Field(ge=1, le=100)] = 1
     valve: Valve | None = None
 
 
 class SectionStrip(NamedTuple):
-    """Holds the ground under one section: its edges to the right of the machine's middle, m, and
-    its share of the working width."""
+    """Holds the strip of ground under one section: its edges to the right of the machine's
+    middle, m, and its share of the working width."""
 
     left_m: float
     right_m: float
@@ -57,18 +59,18 @@ def make_section_strips(sections: Sequence[Section], width_m: float) -> tuple[Se
 
 
 class LoggedValves:
-    """Follows the valves through a log's column `sections_cmd`, row by row; all are open where
-    it is empty."""
+    """Follows the valves through a log's column `sections_cmd`, row by row; all valves are open
+    where the column is empty."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
         self._valves = [section.valve or Valve() for section in sections]
         self._shares = [strip.share for strip in make_section_strips(sections, 1.0)]
         self._commanded: list[bool] = [False] * len(self._valves)
-        # from when, to what
+        # Each entry is the time of a command and its position.
         self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)
 
     def find_open_valves(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
-        """Returns the positions at a row with this command; times rise."""
+        """Returns the valves' positions at a row with this command; times must increase."""
         cells = (commanded or "").split(";")
         if len(cells) != len(self._valves):
             return (True,) * len(self._valves)
@@ -90,8 +92,8 @@ class LoggedValves:
 
 
 def find_section_fault(sections: Sequence[Section], outlets: int) -> str:
-    """Returns what is wrong with the sections of a machine with so many outlets, as what is
-    allowed; empty: nothing."""
+    """Returns the fault of the sections of a machine with this number of outlets, as the allowed
+    values; "" for none."""
     if not sections:
         return ""
     there = sum(section.outlets for section in sections)

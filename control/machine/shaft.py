@@ -1,7 +1,7 @@
-"""How does the metering shaft follow its command? r/min -> r/min: dead time, dead band, supply
-and load, first or second order, acceleration limit.
+"""How does the metering shaft follow its command? The model maps r/min to r/min: dead time, dead
+band, supply and load, first or second order, acceleration limit.
 
-Commands and speeds have a sign: below 0, or below the command at which it stands, the shaft
+Commands and speeds have a sign. Below 0, or below the command at which the shaft stands, the shaft
 turns backwards, with its own gain and dead zone.
 """
 
@@ -15,33 +15,36 @@ from pydantic import Field
 from .effect import SHAFT_RANGE, Effect
 from .elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
 
-# Least time constant of a machine file, s.
+# Minimum time constant of a machine file, s.
 MIN_TIME_CONSTANT_S = 1e-4
-# Limit of (frequency x time)^2: so near to critical damping sin(w t) / w is t.
+# Limit of (frequency x time)^2 below which sin(w t) / w is t: damping is then nearly critical.
 CRITICAL_TOLERANCE = 1e-8
-# Tolerance of rounding.
+# Tolerance for rounding errors.
 ROUNDING_TOLERANCE = 1e-9
-# Greatest number of phases of a held command; usually some five.
+# Maximum number of phases of a held command; some five are usual.
 MAX_PHASES = 32
-# Speed at which the shaft is stopped: none.
+# Speed limit that never stops the shaft.
 NO_STOP_RPM = -1e100
-# Bisection steps of the time at which the acceleration limit is reached: to rounding.
+# Number of bisection steps of the time at which the acceleration limit is reached: enough for full
+# precision.
 BISECTION_STEPS = 50
 
 
 class Shaft(NamedTuple):
+    """Parameters of the shaft and of its effects."""
+
     dead_time_s: Annotated[float, Field(ge=0, le=600)] = 0.373
     time_constant_s: Annotated[float, Field(ge=1e-4, le=3600)] = 0.05
     acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=1e7)] = 200.0
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
-    # 1: a command to turn backwards is none
+    # 1 means that a command to turn backwards has no effect.
     one_way: Annotated[float, Field(ge=0, le=1)] = 0.0
-    # speed at which the saturation is given
+    # Speed at which the saturation is defined, r/min.
     full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0
-    # 1: it holds its speed by its own encoder
+    # 1 means that the drive controls its speed by its own encoder.
     regulated: Annotated[float, Field(ge=0, le=1)] = 0.0
-    # 0: a command of 0 is one like any other, and may turn it
+    # 0 means that a command of 0 is an ordinary command, which may turn the shaft.
     zero_stops: Annotated[float, Field(ge=0, le=1)] = 1.0
     dead_zone_rpm: Annotated[
         float,
@@ -146,7 +149,7 @@ class Shaft(NamedTuple):
             ),
         ),
     ] = 0.0
-    # below -100: the faster, the lower its command
+    # Below -100 %, the shaft turns faster as the command decreases.
     gain_percent: Annotated[
         float,
         Field(ge=-300, le=1900),
@@ -339,36 +342,44 @@ class Shaft(NamedTuple):
 
 
 class ShaftInput(NamedTuple):
+    """Inputs of the shaft."""
+
     command_rpm: float
     opening_mm: float
     supply_v: float
-    more_percent: float = 0.0  # of the machine file's terms (`step_term`)
+    # Sum of the machine file's terms (`step_term`), %.
+    more_percent: float = 0.0
     more_rpm: float = 0.0
 
 
 class ShaftState(NamedTuple):
+    """State of the shaft."""
+
     time_s: float
     rpm: float
     line: DelayLine
-    # how fast its speed changes: of a shaft of second order
+    # Rate of change of the speed of a second-order shaft, r/min per second.
     rpm_s: float = 0.0
 
 
 class ShaftOutput(NamedTuple):
-    rpm: float  # true
+    """Outputs of the shaft."""
+
+    # True speed, r/min.
+    rpm: float
     measured_rpm: float
 
 
 def make_shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
-    """Returns a shaft at rest in `rpm`, with that command for ever."""
+    """Returns a shaft in a steady state at `rpm`, under a constant command."""
     return ShaftState(time_s, rpm, make_line(rpm))
 
 
 def step_first_order(
     value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float
 ) -> float:
-    """Returns the value of a first-order system with a limited slope, exact for a held `wanted`:
-    a ramp while the limit binds, then exponential."""
+    """Returns the value of a first-order system with a limited slope, exact for a constant
+    `wanted`: a ramp at the limit, then exponential."""
     gap = wanted - value
     if gap == 0.0:
         return value
@@ -384,10 +395,11 @@ def step_first_order(
 def swing_freely(
     x: float, v: float, tau_s: float, second_s: float, t: float
 ) -> tuple[float, float]:
-    """Returns the solution of tau second x'' + tau x' + x = 0 after t from x, v: exact, at any
+    """Returns the solution of tau second x'' + tau x' + x = 0 after t from x, v; exact at any
     damping."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
-    beyond = sigma * sigma - square  # above 0: two time constants; below: it swings
+    # A positive value means two time constants, a negative value an oscillation.
+    beyond = sigma * sigma - square
     if abs(beyond) * t * t < CRITICAL_TOLERANCE:
         even, odd = exp(-sigma * t), t * exp(-sigma * t)
     elif beyond > 0.0:
@@ -401,8 +413,11 @@ def swing_freely(
 
 
 def find_next_zero_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
-    """Returns when a value of `swing_freely` that is `at` now and falls with `falls` is next 0, s;
-    1e300: never. It follows at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
+    """Returns the time until a value of `solve_free_response`, now `at` and decreasing with
+    `falls`, is next 0, s; 1e300 for never.
+
+    The value is at C - falls S, where C and S are 1 and 0 now and S increases with 1.
+    """
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square
     if abs(beyond) < CRITICAL_TOLERANCE * square:
@@ -415,7 +430,7 @@ def find_next_zero_s(at: float, falls: float, tau_s: float, second_s: float) -> 
     if beyond < 0.0:
         angle = atan2(root * at, falls)
         angle = angle if angle >= 0.0 else angle + pi
-        # A zero that has just passed is not the next one.
+        # A zero that has just passed is not the next zero.
         return (angle if angle > ROUNDING_TOLERANCE else angle + pi) / root
     share = root * at / falls if falls != 0.0 else 0.0
     return (
@@ -434,13 +449,17 @@ def find_free_time_s(
     room: float,
     left_s: float,
 ) -> float:
-    """Returns how long `swing_freely` holds, s: until the slope reaches its limit or x reaches
-    -room, at most `left_s`. Or until it reverses: then slopes and ways are examined again."""
+    """Returns how long `solve_free_response` is valid, s: until the slope reaches its limit or x
+    reaches -room, at most `left_s`.
+
+    The solution also ends where it reverses, because slopes and limits must then be examined again.
+    """
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     pull = sigma * v + square * x
     slope = -sigma * v - pull
     end_s = min(left_s, find_next_zero_s(slope, sigma * slope + square * v, tau_s, second_s))
-    swings = x * x + v * v / square > room * room  # else it stays within: what swings loses
+    # Otherwise the value stays within the limit, because a free oscillation loses amplitude.
+    swings = x * x + v * v / square > room * room
     if swings:
         end_s = min(end_s, find_next_zero_s(v, pull, tau_s, second_s))
     low, high = 0.0, end_s
@@ -448,7 +467,7 @@ def find_free_time_s(
     if abs(v_end) <= fastest_per_s * (1.0 + ROUNDING_TOLERANCE) and x_end >= -room * (
         1.0 + ROUNDING_TOLERANCE
     ):
-        # a free swing's slope is the largest at its first turn
+        # The slope of a free oscillation is largest at its first reversal.
         return end_s if swings else left_s
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
@@ -470,11 +489,12 @@ def step_second_order(
     least: float,
     dt_s: float,
 ) -> tuple[float, float]:
-    """Returns value and rate of a second-order system with a limited slope after `dt_s`, exact
-    for a held `wanted`.
+    """Returns value and rate of a second-order system with a limited slope after `dt_s`, exact for
+    a constant `wanted`.
 
-    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds and
-    swings freely otherwise. At `least` it is stopped."""
+    tau second x'' + tau x' + x = wanted, x' within +-fastest: a ramp at the limit, and a free
+    response otherwise. The value stops at `least`.
+    """
     x, v, left_s, room = (
         value - wanted,
         min(fastest_per_s, max(-fastest_per_s, rate)),
@@ -499,9 +519,11 @@ def step_second_order(
 
 
 class StepResponse(NamedTuple):
-    """Holds the response to a small step of the command. overshoot_percent: of the step.
-    period_s: of the swing. lags_s: the two time constants; a swing has one, with which it
-    decays."""
+    """Holds the response to a small step of the command. overshoot_percent: of the step. period_s:
+    of the oscillation.
+
+    lags_s: the two time constants; an oscillation has a single one, that of its decay.
+    """
 
     overshoot_percent: float
     period_s: float
@@ -509,7 +531,7 @@ class StepResponse(NamedTuple):
 
 
 def calc_step_response(p: Shaft) -> StepResponse:
-    """Returns the step response of a shaft of second order (Ogata, Modern Control Engineering,
+    """Returns the step response of a second-order shaft (Ogata, Modern Control Engineering,
     2010, 5-3: damping ratio sqrt(T / T2) / 2)."""
     tau_s, second_s = calc_time_constant_s(p), p.second_order_s
     square, sigma = 1.0 / (tau_s * second_s), 0.5 / second_s
@@ -524,7 +546,7 @@ def calc_step_response(p: Shaft) -> StepResponse:
 def follow_command(
     p: Shaft, value: float, rate: float, wanted: float, dt_s: float
 ) -> tuple[float, float]:
-    """Returns speed and slope `dt_s` later of a shaft that is to turn at `wanted`."""
+    """Returns speed and slope after `dt_s` of a shaft with the target speed `wanted`."""
     if p.second_order_s <= 0.0:
         return step_first_order(
             value, wanted, calc_time_constant_s(p), calc_acceleration_rpm_s(p), dt_s
@@ -543,28 +565,29 @@ def follow_command(
 
 
 def calc_time_constant_s(p: Shaft) -> float:
-    """Returns the time constant of the shaft, s: a drive may be quicker than its data sheet, but
-    never ahead."""
+    """Returns the time constant of the shaft, s: a drive may be faster than its data sheet, but
+    the time is never negative."""
     return max(MIN_TIME_CONSTANT_S, p.time_constant_s + p.slow_s)
 
 
 def calc_acceleration_rpm_s(p: Shaft) -> float:
-    """Returns the greatest change of the shaft's speed, r/min a second: the times of limit and
-    ramp to full speed add up."""
+    """Returns the acceleration limit of the shaft, r/min per second: the times of limit and ramp
+    to full speed are added."""
     return 1.0 / (1.0 / p.acceleration_rpm_s + p.ramp_s / p.full_rpm)
 
 
 def calc_dead_time_s(p: Shaft) -> float:
-    """Returns the time from a command to the shaft's first move, s."""
+    """Returns the time from a command to the shaft's first movement, s."""
     return max(0.0, p.dead_time_s + p.extra_dead_time_s)
 
 
 def calc_effective_command_rpm(p: Shaft, command_rpm: float) -> float:
-    """Returns how far a command is beyond the one at which the shaft stands, r/min: below 0 it
-    turns backwards.
+    """Returns the difference of a command from the command at which the shaft stands, r/min; a
+    negative result turns the shaft backwards.
 
-    Where speed falls as the command rises (a gain below -100 %) it is beyond below that command.
-    A command of 0 stops a shaft with `zero_stops`."""
+    Where the speed decreases with the command (a gain below -100 %), the sign is reversed. A
+    command of 0 stops a shaft with `zero_stops`.
+    """
     if command_rpm == 0.0 and p.zero_stops > 0.0:
         return 0.0
     beyond = command_rpm - p.neutral_rpm
@@ -572,12 +595,13 @@ def calc_effective_command_rpm(p: Shaft, command_rpm: float) -> float:
 
 
 def calc_settled_rpm(p: Shaft, beyond: float) -> float:
-    """Returns the magnitude of the settled speed for a command so far
-    `calc_effective_command_rpm`, r/min, before the factors on every speed.
+    """Returns the magnitude of the steady speed for an effective command
+    (`calc_effective_command_rpm`), r/min, before the factors on every speed.
 
-    A threshold holds the shaft until the command exceeds it; a zone is subtracted from every
-    command: g (u - D). The curve bends evenly, u / (1 + k u / full): a motor's speed falls
-    behind its duty cycle as its current is cut more often."""
+    A threshold stops the shaft until the command exceeds it; a dead zone is subtracted from every
+    command: g (u - D). The curve saturates smoothly, u / (1 + k u / full), because the current of a
+    motor is interrupted more often at a higher duty cycle.
+    """
     size = abs(beyond)
     if size < p.dead_band_rpm or (beyond < 0.0 and p.one_way > 0.0):
         return 0.0
@@ -595,11 +619,12 @@ def calc_settled_rpm(p: Shaft, beyond: float) -> float:
 def step_shaft(
     p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float
 ) -> tuple[ShaftState, ShaftOutput]:
-    """Advances the shaft by one step of `dt_s` with the inputs held; the outputs are those at
-    its end.
+    """Advances the shaft by one step of `dt_s` with constant inputs; the outputs are those at its
+    end.
 
-    Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
-    set-point from 10 r/min up (lag paper, table 2)."""
+    Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min for any
+    set-point from 10 r/min up (lag paper, table 2).
+    """
     late_s = calc_dead_time_s(p)
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
@@ -613,7 +638,7 @@ def step_shaft(
         line, wanted, until_s = read_held_line(line, at_s, end_s)
         beyond = calc_effective_command_rpm(p, wanted)
         goal = turns * calc_settled_rpm(p, beyond)
-        # Terms have the speed's sign; none reverses it.
+        # Terms have the sign of the speed; no term reverses it.
         if goal > 0.0:
             way = -1.0 if beyond < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)

@@ -9,11 +9,13 @@ from pydantic import Field
 from .effect import Effect
 from .elements import DelayLine, average_line, make_line, put_in_line
 
-# Growth of slip as a share of itself for each degree nose up.
+# Relative increase of slip for each degree of upward pitch.
 UPHILL_SHARE_PER_DEG = 0.15
 
 
 class Speed(NamedTuple):
+    """Parameters of the two speed sensors and of their effects."""
+
     wheel_circumference_m: Annotated[float, Field(ge=0.05, le=20)] = 2.50
     pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
     slip_percent: Annotated[
@@ -86,20 +88,31 @@ class Speed(NamedTuple):
 
 
 class SpeedInput(NamedTuple):
-    speed_mps: float  # true, over ground
-    working: float = 0.0  # 1: under draught
+    """Inputs of the speed sensors."""
+
+    # True ground speed, m/s.
+    speed_mps: float
+    # 1 while the machine pulls under load, else 0.
+    working: float = 0.0
     pitch_deg: float = 0.0
-    more_percent: float = 0.0  # of the machine file's terms
+    # Sum of the machine file's terms, %.
+    more_percent: float = 0.0
 
 
 class SpeedState(NamedTuple):
+    """State of the speed sensors."""
+
     time_s: float
     line: DelayLine
 
 
 class SpeedOutput(NamedTuple):
-    wheel_mps: float  # as measured
-    gnss_mps: float  # as measured
+    """Outputs of the speed sensors."""
+
+    # Wheel reading, m/s.
+    wheel_mps: float
+    # GNSS reading, m/s.
+    gnss_mps: float
 
 
 def make_speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
@@ -109,7 +122,7 @@ def make_speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
 def step_speed(
     p: Speed, s: SpeedState, u: SpeedInput, dt_s: float
 ) -> tuple[SpeedState, SpeedOutput]:
-    """Advances the speed by one step of `dt_s` with the true speed held."""
+    """Advances the speed sensors by one step of `dt_s` with a constant true speed."""
     line = put_in_line(s.line, s.time_s, u.speed_mps)
     line, gnss = average_line(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
     slip = p.slip_percent * u.working * max(0.0, 1.0 + UPHILL_SHARE_PER_DEG * u.pitch_deg)

@@ -1,5 +1,6 @@
-"""How does a stage run over a whole log? Interpreted here, and compiled in `compiled`, with the
-same functions."""
+"""How does a stage run over a whole log? This module runs it interpreted; `compiled` compiles
+the same functions.
+"""
 
 from __future__ import annotations
 
@@ -10,30 +11,30 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# Longest model step, s: a quarter of a control tick of 0.05 s.
+# Maximum model step, s: a quarter of a control tick of 0.05 s.
 MAX_MODEL_STEP_S = 0.0125
-# Least number of model steps in a row.
+# Minimum number of model steps in a row.
 MIN_STEPS_PER_ROW = 4
 
 Run = Callable[..., npt.NDArray[np.float64]]
 
 
 def make_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
-    """Returns `run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows,
-    outputs)`, interpreted.
+    """Returns `run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`,
+    interpreted.
 
-    sets : parameter sets in the order in which they come into force; set j+1 from row
-    switch_rows[j] on, so that any effect may begin mid-run. state, first : state and output at
+    sets : parameter sets in the order in which they come into force; set j+1 starts at row
+    switch_rows[j], so that an effect may begin within a run. state, first : state and output at
     time_s[0]. rows : record array of the stage's inputs, row k in force from time_s[k] to
-    time_s[k+1]. The output of row k is that at time_s[k]: what was commanded in row k cannot
-    show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for a
-    step that is exact however long its inputs are held: there is nothing to be gained by
-    cutting it."""
+    time_s[k+1]. The output of row k is that at time_s[k], so the command of row k does not affect
+    it. Rows may have any step; each is divided into at least MIN_STEPS_PER_ROW steps. A step that
+    is exact for any length is not divided, because division would gain nothing.
+    """
     return allocate_output(make_fill(step, exact))
 
 
 def allocate_output(fill: Callable[..., None]) -> Run:
-    """Returns the run of `make_fill` with its own array."""
+    """Returns the run of `make_fill` that allocates its own output array."""
 
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         out = np.empty((len(rows), len(first)))
@@ -44,8 +45,8 @@ def allocate_output(fill: Callable[..., None]) -> Run:
 
 
 def make_fill(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
-    """Returns the run of `over_log` into a given array: it makes none itself, so that it
-    compiles without counting references."""
+    """Returns a run that writes into a given array; it allocates none, so that it compiles
+    without reference counting."""
 
     def fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         count = len(rows)
@@ -66,7 +67,7 @@ def make_fill(step: Callable[..., Any], exact: bool = False) -> Callable[..., No
 
 
 def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
-    """Returns a record array of a stage's inputs: given columns, the others at their defaults
+    """Returns a record array of a stage's inputs: given columns, and defaults for the others
     (shape (count,))."""
     rows = np.zeros(count, [(name, np.float64) for name in kind._fields]).view(np.recarray)
     for name in kind._fields:

@@ -1,5 +1,6 @@
 """How long does a start take as the lag rig measures it? From the command until the shaft turns,
-and from there to the first granule."""
+and from there to the first granule.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +20,11 @@ from topdress.control.machine.shaft import (
     follow_command,
 )
 
+# Time step of the simulated start, s.
 START_STEP_S = 0.002
-# Number of shaft speeds and rounds of the fit in `set_carried_share`.
+# Number of shaft speeds and of rounds of the fit in `set_carried_share`.
 FIT_SPEEDS, FIT_ROUNDS = 7, 4
+# Parameter changes for numerical slopes of the fit.
 FIT_PROBES = {"start_more_s": 0.01, "start_more_s_per_rpm": 2e-4, "start_more_per_rpm": 2e-4}
 # Threshold of the detector, r/min (lag paper, section 2.4.2).
 DETECTION_RPM = 2.0
@@ -31,7 +34,8 @@ def calc_response_s(machine: Machine, shaft_rpm: float) -> float:
     """Returns the time from a start command for `shaft_rpm` until the standing shaft reaches 2
     r/min, s (lag paper, table 2).
 
-    A set-point below the threshold counts at half its own value."""
+    For a set-point below the threshold the threshold is half of the set-point.
+    """
     shaft = machine.shaft
     tau_s = calc_time_constant_s(shaft)
     threshold = min(DETECTION_RPM, 0.5 * shaft_rpm)
@@ -45,8 +49,8 @@ def calc_response_s(machine: Machine, shaft_rpm: float) -> float:
 
 
 def _calc_rise_s(shaft: Shaft, shaft_rpm: float, threshold: float) -> float:
-    """Returns the time until a standing shaft of second order reaches a threshold below its
-    goal, s."""
+    """Returns the time until a standing second-order shaft reaches a threshold below its target,
+    s."""
     low, high = 0.0, START_STEP_S
     while follow_command(shaft, 0.0, 0.0, shaft_rpm, high)[0] < threshold:
         low, high = high, 2.0 * high
@@ -65,13 +69,14 @@ def calc_change_response_s(machine: Machine) -> float:
 
 
 def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
-    """Returns the time from 2 r/min to the first granule on the ground, s: the rig's test
-    simulated with the model (lag paper, table 3).
+    """Returns the time from 2 r/min to the first granule on the ground, s: the rig's test simulated
+    with the model (lag paper, table 3).
 
-    Where the stream carries all along, the first granule leaves as the shaft begins to turn and
-    is carried along by the stream behind it while the shaft speeds up; else a granule released
-    by a quicker shaft may overtake it. With the parts of `fall` for the additional time of a
-    start it equals `find_start_drop_s`, within 4 ms from 10 to 70 r/min."""
+    If the stream carries everything, the first granule leaves as the shaft starts to turn, and the
+    stream behind carries it along while the shaft accelerates. Otherwise a granule of the faster
+    shaft may overtake the first. With the parameters of `fall` for the additional time of a start
+    the result equals `find_start_drop_time`, within 4 ms from 10 to 70 r/min.
+    """
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(DETECTION_RPM, 0.5 * shaft_rpm), 0.0
     speeds = []
@@ -89,16 +94,17 @@ def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
 
 
 def set_carried_share(machine: Machine, carried_share: float) -> Machine:
-    """Returns the machine whose stream sets this share of the pace in the tube, with unchanged
-    starts.
+    """Returns the machine whose stream determines this share of the pace in the tube, with
+    unchanged starts.
 
-    A rig that times starts cannot separate the two: for another share the running shaft's drop
-    is another line over shaft speed. Singly, the lag paper's line of starts gives 1.79 - 0.0133
-    n s.
+    A rig that times starts cannot separate the two. For another share the running shaft's drop time
+    is another line over shaft speed. For granules that fall singly, the lag paper's line of starts
+    gives 1.79 - 0.0133 n s.
 
     Raises
     ------
-    ValueError : the share is outside 0 to 1."""
+    ValueError : the share is outside 0 to 1.
+    """
     if not 0.0 <= carried_share <= 1.0:
         raise ValueError(f"carried_share {carried_share:g}: allowed 0 to 1")
     if carried_share == machine.fall.carried_share:
@@ -109,9 +115,11 @@ def set_carried_share(machine: Machine, carried_share: float) -> Machine:
 
 
 def refit_start(machine: Machine) -> Machine:
-    """Returns the machine with the running shaft's drop fitted so that its starts are
-    `find_start_drop_s`: least squares of `find_first_fall_s` over the line's range,
-    Gauss-Newton."""
+    """Returns the machine with the running shaft's drop time fitted so that its starts equal
+    `find_start_drop_time`.
+
+    The fit is least squares of `find_first_fall_time` over the line's range, by Gauss-Newton.
+    """
     parts = (
         ("start_more_per_rpm",)
         if machine.fall.carried_share >= 1.0
@@ -147,8 +155,8 @@ def _add_to_part(fall: Fall, part: str, step: float) -> Fall:
 
 
 def find_start_lag_s(machine: Machine, shaft_rpm: float) -> float:
-    """Returns the time from the command to the first granule on the ground from a standing
-    shaft, s (lag paper, tables 1 and 4)."""
+    """Returns the time from the command to the first granule on the ground for a standing shaft,
+    s (lag paper, tables 1 and 4)."""
     return (
         calc_response_s(machine, shaft_rpm)
         + find_first_fall_s(machine, machine.fall, shaft_rpm)

@@ -1,5 +1,6 @@
 """Which compiled steps replace interpreted ones in a long run? The caller passes them in, so
-that modules that use them load no compiler."""
+that modules that use them do not load a compiler.
+"""
 
 from __future__ import annotations
 
@@ -8,5 +9,9 @@ from typing import Any, NamedTuple
 
 
 class CompiledSteps(NamedTuple):
-    drives: Callable[..., Any]  # `machine.compiled_tick.CompiledDrives`
-    cells: Any  # the module `field.compiled_cells`
+    """Compiled replacements of interpreted steps."""
+
+    # Class `machine.compiled_tick.CompiledDrives`.
+    drives: Callable[..., Any]
+    # Module `field.compiled_cells`.
+    cells: Any

@@ -1,6 +1,8 @@
-"""What is the value of a term, from its variables and its memory? Compiles as it stands.
+"""What is the value of a term, from its variables and its memory? The functions use scalars only,
+so that they compile.
 
-Plant, prediction, control and diagnosis all use this step. Scalars in, scalars out."""
+Plant, prediction, control and diagnosis all use this step.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ from .forms import FORM_VALUES, clip_value
 
 
 class TermState(NamedTuple):
-    """Holds the memory of a term: its variable's first-order memory, the last value, and 1 once
-    it has a value."""
+    """Holds the memory of a term: its variable's first-order memory, the last value, and 1 after
+    the first value."""
 
     slow: float = 0.0
     last: float = 0.0
@@ -23,8 +25,8 @@ class TermState(NamedTuple):
 
 
 def update_memory(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
-    """Returns the memory after `dt_s` in which the last value was held; it begins settled. Exact
-    for held inputs."""
+    """Returns the memory after `dt_s` with the last value constant; it starts settled. Exact for
+    constant inputs."""
     if s.known == 0.0:
         return TermState(x, x, 1.0)
     keep = exp(-dt_s / p.tau_s)
@@ -32,14 +34,14 @@ def update_memory(p: TermParams, s: TermState, x: float, dt_s: float) -> TermSta
 
 
 def calc_form_value(p: TermParams, x: float, y: float, slow: float) -> float:
-    """Returns the value of the form with this number; `compiled.py` compiles it."""
+    """Returns the value of the form with this number; `compiled.py` compiles this function."""
     return FORM_VALUES[p.form](p, x, y, slow)
 
 
 def step_term(
     p: TermParams, s: TermState, x: float, y: float, dt_s: float
 ) -> tuple[TermState, float]:
-    """Returns the value of a term whose variables are `x` and `y`, `dt_s` after the step before."""
+    """Returns the value of a term with the variables `x` and `y`, `dt_s` after the step before."""
     x = clip_value(x, p.low, p.high)
     y = clip_value(y, p.second_low, p.second_high)
     if p.tau_s > 0.0:
@@ -48,8 +50,8 @@ def step_term(
 
 
 def make_term_run(step: Any) -> Any:
-    """Returns `run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y: its variables at
-    each row (rows,)."""
+    """Returns `run(params, x, y, time_s) -> (rows,)`, which evaluates a term over a log. x, y:
+    variables at each row (rows,)."""
 
     def run(params, x, y, time_s):  # type: ignore[no-untyped-def]
         out = np.empty(len(x))

@@ -1,5 +1,7 @@
-"""What do a machine's terms add up to, quantity by quantity? Tick by tick, or over a log with
-the same evaluator."""
+"""What do a machine's terms add up to, quantity by quantity, tick by tick or over a log?
+
+Both use the same evaluator.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ from .terms import (
 
 class TermTotals(NamedTuple):
     """Holds the sum of the terms for each quantity, in its own unit (`terms.TARGET_UNITS`); the
-    names are those of `Acts`."""
+    names are those of `TermTarget`."""
 
     shaft_percent: float = 0.0
     shaft_rpm: float = 0.0
@@ -55,7 +57,7 @@ class TermSums:
         return bool(self._terms)
 
     def advance_terms(self, values: Mapping[str, float], dt_s: float) -> TermTotals:
-        """Returns the sums where the variables are `values`, `dt_s` after the step before."""
+        """Returns the sums for the variables `values`, `dt_s` after the step before."""
         more = dict.fromkeys(TermTotals._fields, 0.0)
         for k, (acts_on, params, names) in enumerate(self._terms):
             if all(name in values for name in names):
@@ -65,13 +67,13 @@ class TermSums:
         return TermTotals(**more)
 
     def freeze_terms(self, values: Mapping[str, float]) -> StandingTerms:
-        """Returns the terms in their present state, for other set-points."""
+        """Returns the terms in their present state, for evaluation at other set-points."""
         return StandingTerms(tuple(self._terms), tuple(self._states), dict(values))
 
 
 class StandingTerms(NamedTuple):
-    """Holds terms in constant conditions, with their sums at given set-points: for the inverse
-    of the model."""
+    """Holds terms under constant conditions, with their sums at given set-points, for the
+    inverse of the model."""
 
     terms: tuple[tuple[str, TermParams, tuple[str, ...]], ...]
     states: tuple[TermState, ...]
@@ -89,7 +91,7 @@ class StandingTerms(NamedTuple):
 
 
 class HeldCommands:
-    """Averages over each step the commands that the drives follow by now, after their dead
+    """Averages over each step the commands that the drives follow at that time, after their dead
     times."""
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
@@ -102,7 +104,7 @@ class HeldCommands:
     def average_commands(
         self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float
     ) -> dict[str, float]:
-        """Takes the commands given at `now_s` and held for `dt_s`."""
+        """Stores the commands given at `now_s` and held for `dt_s`, and returns the averages."""
         found = {}
         for k, (name, value) in enumerate(((COMMANDED_RPM, shaft_rpm), (COMMANDED_MM, opening_mm))):
             begin_s = now_s - self._dead_s[k]
@@ -122,7 +124,8 @@ def sum_over_log(
 ) -> dict[str, Array]:
     """Returns the sums over a log, (rows,) by quantity; quantities without a term are left out.
 
-    values: by the names of `needed`, (rows,) each. Terms without their values add nothing."""
+    values: by the names of `needed`, (rows,) each. Terms without their values add nothing.
+    """
     found: dict[str, Array] = {}
     for term in terms:
         names = list_needed_values(term)
@@ -139,7 +142,7 @@ def sum_over_log(
 
 def average_commands_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
     """Returns the values of `HeldCommands` over a log: mean of the held command over each row,
-    `dead_s` late (rows,)."""
+    delayed by `dead_s` (rows,)."""
     if len(time_s) < 2:
         return command
     spans = np.diff(time_s)
@@ -166,8 +169,8 @@ def calc_angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
 
 
 def explain_not_compensated(term: Term, known: Iterable[str] = ()) -> str:
-    """Returns why control cannot compensate a term; "" where it does. known: further columns of
-    a device."""
+    """Returns the reason why control cannot compensate a term; "" where it does. known: further
+    columns of a device."""
     if FORMS[term.form].one_run:
         return "it holds for a span of one run"
     if SHAFT_ANGLE in term.variable_names:
@@ -183,8 +186,8 @@ def explain_not_compensated(term: Term, known: Iterable[str] = ()) -> str:
 
 
 def explain_partly_compensated(term: Term) -> str:
-    """Returns which part of a compensated term control cannot know in advance; "" where it knows
-    all."""
+    """Returns the part of a compensated term that control cannot predict; "" where it predicts
+    everything."""
     if "speed_mps" in term.variable_names:
         return "with the speed of now, not with that at landing"
     if "time_s" in term.variable_names:

@@ -1,8 +1,9 @@
-"""What does a machine do beyond the catalogue? Terms, as data in its file. `step_term` evaluates
-them.
+"""What does a machine do beyond the catalogue? The module defines terms, as data in the machine
+file; `step_term` evaluates them.
 
 A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or two
-recorded variables."""
+recorded variables.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +23,23 @@ from .forms import MAX_TABLE_NODES, Form, make_params
 
 
 class TermTarget(StrEnum):
-    """Names the quantity of a stage that a term acts on, with its unit."""
+    """Names the quantity of a stage that a term changes, with its unit."""
 
-    SHAFT_PERCENT = "shaft_percent"  # of the speed that the shaft was commanded
-    # added to it while the shaft is commanded to turn
+    # Change of the shaft speed, % of the command.
+    SHAFT_PERCENT = "shaft_percent"
+    # Change of the shaft speed while the shaft is commanded to turn, r/min.
     SHAFT_RPM = "shaft_rpm"
-    GATE_MM = "gate_mm"  # added to the true opening
+    # Change of the true opening, mm.
+    GATE_MM = "gate_mm"
     FLOW_PERCENT = "flow_percent"
-    FLOW_KG_MIN = "flow_kg_min"  # added while the shaft turns
-    SCALE_KG = "scale_kg"  # added to the reading
-    SCALE_KG_MIN = "scale_kg_min"  # by which the reading runs away
-    WHEEL_PERCENT = "wheel_percent"  # of the wheel's speed reading
+    # Change of the flow while the shaft turns, kg/min.
+    FLOW_KG_MIN = "flow_kg_min"
+    # Change of the scale's reading, kg.
+    SCALE_KG = "scale_kg"
+    # Drift of the scale's reading, kg/min.
+    SCALE_KG_MIN = "scale_kg_min"
+    # Change of the wheel's speed reading, %.
+    WHEEL_PERCENT = "wheel_percent"
 
 
 TARGET_STAGES = {
@@ -56,7 +63,7 @@ TARGET_UNITS = {
     TermTarget.WHEEL_PERCENT: "%",
 }
 # Recorded variables with their units. For its own stage a term uses the command that the drive
-# follows by now; the shaft's angle counts from the beginning of the run.
+# follows at that time; the shaft's angle counts from the start of the run.
 VARIABLES = {
     "shaft_rpm": "r/min",
     "opening_mm": "mm",
@@ -75,11 +82,12 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class Variable(FrozenModel):
-    """Holds a variable that a term depends on. valid: range in which it was seen; beyond it the
-    term keeps its edge value."""
+    """Holds a variable that a term depends on. valid: observed range of the variable; beyond it
+    the term keeps its edge value."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    unit: str = ""  # of a column that is none of the run log's
+    # Unit of a column that is not in the run log's format.
+    unit: str = ""
     valid: tuple[Number, Number] | None = None
 
     @model_validator(mode="after")
@@ -135,7 +143,8 @@ class Term(FrozenModel):
     intervals: Annotated[tuple[Interval, ...], Field(max_length=100)] = ()
     nodes: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
     values: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
-    held_out_gain: Number | None = None  # share of the held-out error that it took away
+    # Share of the held-out error that the term explains.
+    held_out_gain: Number | None = None
     source: Source = Source()
 
     def __hash__(self) -> int:
@@ -239,7 +248,7 @@ def _join_names(names: Iterable[str]) -> str:
 
 @lru_cache(maxsize=256)
 def make_term_params(term: Term) -> TermParams:
-    """Returns a term as the numbers of its evaluator."""
+    """Returns a term as numbers for its evaluator."""
     low, high = term.over[0].valid or (-1e300, 1e300)
     second_low, second_high = (
         (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
@@ -269,7 +278,7 @@ def _fill_table(numbers: tuple[float, ...], step: float) -> Table:
 
 def name_own_command(stage: str, variable: str) -> str:
     """Returns the name of the value that a term of a stage uses: for its own drive, the command
-    that it follows by now."""
+    that the drive follows at that time."""
     commands = {("shaft", "shaft_rpm"): COMMANDED_RPM, ("gate", "opening_mm"): COMMANDED_MM}
     return commands.get((stage, variable), variable)
 
@@ -281,8 +290,7 @@ def list_needed_values(term: Term) -> tuple[str, ...]:
 
 COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"
 
-# -- old machine files
-# -------------------------------------------------------------------------------------------------
+# The following code reads old machine files.
 
 _OLD_TABLES = {
     "shaft": ("table_percent", TermTarget.SHAFT_PERCENT),
@@ -297,8 +305,8 @@ OLD_NOTE = "was a table in an older machine file (tables_over)"
 
 
 def convert_old_tables(data: dict[str, Any]) -> dict[str, Any]:
-    """Converts a machine file from before there were terms: its tables become terms; tables
-    without a variable are dropped."""
+    """Converts a machine file without terms: its tables become terms; tables without a variable
+    are dropped."""
     over = data.get("tables_over")
     data = {key: value for key, value in data.items() if key != "tables_over"}
     named: dict[str, Any] = over if isinstance(over, dict) else {}
@@ -330,8 +338,7 @@ def convert_old_tables(data: dict[str, Any]) -> dict[str, Any]:
     return {**data, "terms": [*(data.get("terms") or ()), *found]} if found else data
 
 
-# -- written by hand
-# --------------------------------------------------------------------------------------------------
+# The following code parses terms written by hand.
 
 _COEFFICIENT_PATTERN = re.compile(r"(?P<key>[a-z_]+)=(?P<value>\S+)")
 TERM_GRAMMAR = "ACTS_ON FORM VARIABLE[,VARIABLE] COEFFICIENT=NUMBER ... [valid=LOW:HIGH[,LOW:HIGH]]"
@@ -339,11 +346,12 @@ TERM_EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
 
 
 def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
-    """Reads one `--term`. explained: makes the term from plain data.
+    """Parses the value of a `--term` option. explained: makes the term from plain data.
 
     Raises
     ------
-    ValueError : in one plain line."""
+    ValueError : in one plain line.
+    """
     words = text.split()
     items = [_COEFFICIENT_PATTERN.fullmatch(word) for word in words[3:]]
     if len(words) < 3 or any(item is None for item in items):

@@ -1,18 +1,18 @@
-"""What do the three papers print, and what do this program's models give? See `topdress
-reproduce`.
+"""Compares the numbers printed in the three papers with the results of this program's models
+(`topdress reproduce`).
 
 Files:
 
 - `claims_lag`: Which claims does the lag paper make, and does each hold here?
-- `correction`: What does the lag paper's correction experiment (section 2.3
-- `decision`: Does the decision paper come out here?
+- `correction`: What results does the lag paper's correction experiment (section 2.3
+- `decision`: Which results of the decision paper do the models reproduce?
 - `decision_paper_claims`: Which claims does the decision paper make, and does each hold here?
-- `elements`: Which elements do the papers describe, where are they in this program
-- `experiments`: Does one machine reproduce every table of the lag paper?
-- `lag`: Does the lag paper come out here?
+- `elements`: Lists the elements that the papers describe, their place in this program
+- `experiments`: Does one machine reproduce every table of the lag paper, each by its own experiment
+- `lag`: Which results of the lag paper do the models reproduce?
 - `map_geometry`: Is the lag paper's geometry on the prescription map right?
-- `page`: What does a page of reproductions consist of?
-- `points`: Does the point paper come out here?
-- `published`: Which figures do the papers print?
-- `trial`: How does a field trial of one's own compare with the decision paper's?
+- `page`: Defines the content of a page of reproductions
+- `points`: Which results of the point paper do the models reproduce?
+- `published`: Contains the numbers that the papers print, unchanged, for comparison only
+- `trial`: How does a user's field trial compare with the decision paper's?
 """

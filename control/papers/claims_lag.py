@@ -23,10 +23,15 @@ from .published import (
     TOTAL_LAG_S,
 )
 
+# Ground speed of the paper's field tests, m/s.
 MPS = LAG_SPEED_KMH / 3.6
+# Mean response by table 2, s.
 RESPONSE = float(np.mean([value for pair in RESPONSE_S.values() for value in pair]))
+# Mean lag distance by shaft speed, m (table 1).
 MEAN_M = {rpm: float(np.mean(values)) for rpm, values in LAG_M.items()}
+# Mean drop time by shaft speed, s (table 3).
 MEAN_DROP_S = {rpm: float(np.mean(values)) for rpm, values in DROP_S.items()}
+# Shaft speeds of the line, 10 to 70 r/min.
 UP_TO_70 = tuple(GAIN_M)
 
 
@@ -354,7 +359,7 @@ def correction() -> list[Claim]:
 
 
 def set_up() -> list[Claim]:
-    """Returns what is described without anything to calculate it from."""
+    """Returns claims about the set-up, which cannot be calculated from other numbers."""
     return [
         Claim(
             "section 2.4.3",

@@ -1,10 +1,10 @@
-"""What does the lag paper's correction experiment (section 2.3, tables 5 and 6) give on the
-machine model?
+"""What results does the lag paper's correction experiment (section 2.3, tables 5 and 6) have with
+the machine model?
 
-From zero rate over a cell's boundary at a constant ground and shaft speed. Without the
-correction the command is given at the boundary, with it where the distance to the boundary
-equals L = v T_lag (eq 1 and 6). The miss is the place of the first granules, positive past the
-boundary.
+The machine crosses a cell's boundary from zero rate at a constant ground and shaft speed. Without
+the correction the command is given at the boundary; with the correction it is given where the
+distance to the boundary equals L = v T_lag (eq 1 and 6). The miss is the position of the first
+granules, positive beyond the boundary.
 """
 
 from __future__ import annotations
@@ -20,25 +20,29 @@ from topdress.control.machine.start import find_start_lag_s
 
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
+# Number of replicates of each shaft speed.
 REPLICATES = 3
 SPEED_MPS = LAG_SPEED_KMH / 3.6
-# Points of the quadrature between two positions.
+# Number of quadrature points between two positions.
 PHASES = 400
-# Least density, 1/m; below it there is no logarithm.
+# Minimum density, 1/m, to avoid the logarithm of zero.
 LEAST_DENSITY = 1e-300
 
 
 class FieldReading(NamedTuple):
-    """Holds one interpretation of the field experiment. Every part is off by default: eq 6 holds
-    exactly."""
+    """Holds one interpretation of the field experiment. Every deviation is off by default, so
+    that eq 6 is exact."""
 
     name: str
-    # line: eq 6; model: the machine model's own first granule; field: table 1
+    # Source of the lag: `line` (eq 6), `model` (the machine model's own first granule), or `field`
+    # (table 1).
     lag_from: str = "line"
-    scatter: bool = False  # drop times scatter as in table 3
-    # the position, and with it the decision, comes this often; None: at once
+    # Whether drop times scatter as in table 3.
+    scatter: bool = False
+    # Rate of the positions, and so of the decisions, Hz; None means no delay.
     update_hz: float | None = None
-    # the three replicates of a shaft speed meet the boundary alike between updates
+    # Whether the three replicates of a shaft speed cross the boundary at the same phase between two
+    # positions.
     shared_phase: bool = False
 
 
@@ -74,8 +78,8 @@ def misses_m(
     trials: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Returns misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed
-    that the paper did not test."""
+    """Returns simulated misses (trials, REPLICATE_COUNT), m, at the paper's speed. KeyError for
+    a shaft speed that the paper did not test."""
     lag = np.full((trials, REPLICATES), _lag_s(machine, shaft_rpm, reading))
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
@@ -99,22 +103,24 @@ def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
 
 
 class ReadingFit(NamedTuple):
-    """Holds how well an interpretation explains table 5."""
+    """Holds the fit of an interpretation to table 5."""
 
     reading: FieldReading
-    mean_m: float  # of all its misses
-    # r.m.s. of mean miss by shaft speed, ours minus the paper's
+    # Mean of all misses, m.
+    mean_m: float
+    # R.m.s. difference of the mean miss by shaft speed, simulated minus published, m.
     between_m: float
-    # standard deviation between the replicates of a shaft speed
+    # Standard deviation between the replicates of a shaft speed, m.
     within_m: float
-    # standard deviation of the replicates' means between shaft speeds
+    # Standard deviation of the replicates' means between shaft speeds, m.
     means_m: float
-    # of the paper's 21 values together, natural logarithm, 1/m
+    # Joint log likelihood of the paper's 21 values, natural logarithm, 1/m.
     log_likelihood: float
-    by_rpm: dict[int, float]  # mean miss
+    # Mean miss by shaft speed, m.
+    by_rpm: dict[int, float]
 
 
-# Error of a tape on the ground, m.
+# Standard error of a tape measurement on the ground, m.
 MEASURED_TO_M = 0.05
 
 
@@ -125,10 +131,11 @@ def explain(
     trials: int = 2000,
     seed: int = 1,
 ) -> list[ReadingFit]:
-    """Compares every interpretation with the published misses; the likeliest first
-    (`joint_log_likelihood`).
+    """Compares every interpretation with the published misses, and returns the fits, the most
+    likely first (`calc_joint_log_likelihood`).
 
-    trials, seed: of the misses drawn for the means and spreads next to it."""
+    trials, seed: number and seed of the simulated misses for means and spreads.
+    """
     rng = np.random.default_rng(seed)
     fits = []
     for reading in readings:
@@ -166,13 +173,13 @@ def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, 
 def joint_log_likelihood(
     machine: Machine, reading: FieldReading, published_m: dict[int, tuple[float, ...]]
 ) -> float:
-    """Returns the joint likelihood of all published misses, natural logarithm, 1/m: by
-    quadrature over the moment between two positions and the scatter of the drop times, smoothed
-    by the tape's error.
+    """Returns the joint log likelihood of all published misses, natural logarithm, 1/m.
 
-    What the replicates of a shaft speed share, they share here: where that is the phase, the
-    three are likely together or not at all. Judged value by value, a shared phase looked as
-    likely as one of each drive's own."""
+    The quadrature is over the phase between two positions and the scatter of the drop times,
+    smoothed by the tape's error. Replicates of a shaft speed with a common phase are likely
+    together or not at all. A judgement value by value would rate a common phase as likely as an
+    independent phase of each drive.
+    """
     total = 0.0
     for rpm, values in published_m.items():
         by_phase = [_densities(machine, rpm, reading, value) for value in values]
@@ -184,21 +191,25 @@ def joint_log_likelihood(
 
 
 class Rival(NamedTuple):
-    """Holds the field's own lag with both spreads fitted to table 5: two parameters, no
-    mechanism."""
+    """Holds a rival without mechanism: the field's own lag with two fitted spreads."""
 
     mean_m: float
-    between_m: float  # s.d. of shaft speeds about it
-    within_m: float  # s.d. of replicates
-    log_likelihood: float  # of the 21, 1/m
-    # the same less BIC's half of ln 21 for each parameter
+    # Standard deviation between shaft speeds, m.
+    between_m: float
+    # Standard deviation between replicates, m.
+    within_m: float
+    # Log likelihood of the 21 values, 1/m.
+    log_likelihood: float
+    # Log likelihood minus BIC's half of ln 21 for each parameter.
     penalised: float
 
 
 def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
-    """Returns the rival of greatest likelihood in closed form: the mean by shaft speed is table
-    1's distance minus the corrected lag; the rest spreads normally between shaft speeds and
-    between replicates."""
+    """Returns the rival of maximum likelihood in closed form.
+
+    The mean by shaft speed is table 1's distance minus the corrected lag; the deviations are normal
+    between shaft speeds and between replicates.
+    """
     expected = [
         float(np.mean(LAG_M[rpm])) - SPEED_MPS * find_paper_lag_s(rpm) for rpm in published_m
     ]
@@ -222,7 +233,7 @@ def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
 
 
 def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m: float) -> Array:
-    """Returns the density of one miss at each phase (PHASES,), 1/m."""
+    """Returns the density of one miss at each phase (PHASE_COUNT,), 1/m."""
     lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))
     if reading.update_hz is not None:
         lag_s += (np.arange(PHASES)[:, None] + 0.5) / PHASES / reading.update_hz
@@ -246,9 +257,11 @@ def wider_apart(
     trials: int = 4000,
     seed: int = 1,
 ) -> float:
-    """Returns the share of tables drawn by an interpretation in which shaft speeds differ from
-    one another, relative to replicates, by at least as much as in the published one (ratio of
-    the two standard deviations)."""
+    """Returns the share of simulated tables in which shaft speeds differ, relative to replicates,
+    at least as much as in the published table.
+
+    The statistic is the ratio of the two standard deviations.
+    """
     rng = np.random.default_rng(seed)
     drawn = np.stack([misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m])
 

@@ -1,5 +1,6 @@
-"""Does the decision paper come out here? Sampling (table 1), rate over NDVI (figure 4), amounts
-(table 2)."""
+"""Which results of the decision paper do the models reproduce? Sampling (table 1), rate over
+NDVI (figure 4), amounts (table 2).
+"""
 
 from __future__ import annotations
 
@@ -40,13 +41,18 @@ from .published import (
     UNIFORM_KG_HA,
 )
 
-PLOT_M, WIDTH_M = 250.0, 2.4  # 600 m2 in one pass
-MEAN_NDVI, CV_PERCENT = 0.51, 9.7  # of the paper's plots, about
+# Length and width of a plot, m: 600 m2 in one pass.
+PLOT_M, WIDTH_M = 250.0, 2.4
+# Approximate mean NDVI and CV, %, of the paper's plots.
+MEAN_NDVI, CV_PERCENT = 0.51, 9.7
+# Correlation length of the simulated canopy, m.
 CORRELATION_M = 6.0
+# Number of simulated trials.
 RUNS = 4
-# of the canopy that fits: the mean's own error is then a fifth of a draw's
+# Number of draws of the fitting canopy: the mean's error is then a fifth of a draw's.
 DRAWS = 30
-# a plot of 600 m2, or a third of it, in one pass; how far readings are alike
+# Trial canopies: name, length of a plot in one pass, m (600 m2, or a third), and correlation length
+# of the readings, m.
 CANOPIES = (
     ("plots of 200 m2 and readings that hardly depend on one another", 83.0, 0.3),
     ("plots of 200 m2 and a correlation of 6 m", 83.0, 6.0),
@@ -56,7 +62,7 @@ CANOPIES = (
 
 
 def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
-    """Returns everything of the paper, published next to obtained."""
+    """Returns the section with all published and obtained values of the paper."""
     rule = prepare_rule(crop)
     sampled, words = sampling(seed)
     forward, forward_words = forward_targets(crop)
@@ -81,8 +87,8 @@ def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
 
 
 def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
-    """Returns table 1 on simulated canopies: for each plot a canopy of the published CV at 2 Hz,
-    read as READINGS say."""
+    """Returns table 1 for simulated canopies: for each plot a canopy of the published CV at 2
+    Hz, read by each interpretation."""
     papers = [
         {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
     ]
@@ -118,7 +124,8 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
             *_mean_sd([float(np.mean([plot[hz].cuc_percent for plot in draw])) for draw in draws]),
         ]
         if hz == FREQUENCIES_HZ[0]:
-            figures[4:6] = [None, None]  # an input of the simulated canopy
+            # These columns are inputs of the simulated canopy.
+            figures[4:6] = [None, None]
         table.append((f"{hz:g}", *figures))
     words = (
         "Table 1 needs the NDVI of the field, which is not printed: the canopy is "
@@ -164,7 +171,7 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
 
 
 def _share(draws: list[list[dict[float, Evenness]]]) -> int:
-    """Returns in how many of these draws 1 Hz changes the statistics of the canopy least."""
+    """Returns the number of draws in which 1 Hz changes the statistics of the canopy least."""
     return sum(choose_frequency(draw).frequency_hz == 1.0 for draw in draws)
 
 
@@ -176,7 +183,7 @@ def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float,
 
 
 def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: int) -> Array:
-    """Returns NDVI at 2 Hz along a plot, mean of six heads, with the given CV."""
+    """Returns simulated NDVI at 2 Hz along a plot, mean of six heads, with the given CV."""
     field = CanopyField(
         Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m),
         (0.0, 12.0),
@@ -200,7 +207,7 @@ def _mean_sd(values: list[float]) -> tuple[float, float]:
 
 
 def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
-    """Returns table 2's target of FC from the mean NDVI that figure 2 prints for it, by four
+    """Returns FC's target of table 2 from the mean NDVI printed in figure 2, by four
     interpretations of section 2.1."""
     ndvi = NDVI_OF["FC"]
     cv_percent = float(
@@ -231,7 +238,8 @@ def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
 
 
 def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
-    """Returns the mean rate of a canopy with this mean and CV, normally distributed, kg/ha."""
+    """Returns the mean rate of a canopy with normally distributed NDVI of this mean and CV,
+    kg/ha."""
     rule = prepare_rule(crop)
     z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
     values = [
@@ -241,8 +249,8 @@ def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
 
 
 def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
-    """Returns table 2's FC on the simulated machine, a canopy of its printed NDVI: with the
-    machine file as it is, and with an outflow 7 % higher that control does not know."""
+    """Returns FC of table 2 on the simulated machine and a canopy of its printed NDVI: with the
+    machine file, and with an unknown additional outflow of 7 %."""
     _, target_kg, applied_kg, error_percent = APPLIED["FC"]
     nominal, planted = (
         _plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",))
@@ -271,7 +279,7 @@ def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
 def _plot(
     machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int, effects: tuple[str, ...]
 ) -> tuple[float, float, float]:
-    """Returns target kg, kg really released over the plot, and error %."""
+    """Returns the target mass, kg, the truly released mass over the plot, kg, and the error, %."""
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
     job = add_simulated_field(
         Job(
@@ -299,7 +307,8 @@ def _plot(
 
 
 def nitrogen() -> Table:
-    """Returns the sources of the abstract's 28 kg/ha more nitrogen: the columns of table 2."""
+    """Returns the sources of the abstract's additional 28 kg/ha of nitrogen, by the columns of
+    table 2."""
     extra = [
         extra_nitrogen_kg_ha(
             [rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
@@ -330,7 +339,7 @@ def grain_words() -> str:
 
 
 def grain_picture() -> Picture:
-    """Returns eq 2's assumption next to table 3's result."""
+    """Returns a picture of eq 2's assumption and table 3's result."""
     found = grain_n()
     return Picture(
         "Table 3 against eq 2: nitrogen in the grain over nitrogen given, both more than CK",
@@ -355,7 +364,7 @@ def grain_picture() -> Picture:
 
 
 def grades(crop: Crop) -> Table:
-    """Returns the grades of figure 4; the text's width of 0.5 is 0.05."""
+    """Returns the grades of figure 4; the width of 0.5 in the text should be 0.05."""
     rows = tuple(
         (f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha)
         for grade in make_rate_table(crop)
@@ -370,7 +379,7 @@ def grades(crop: Crop) -> Table:
 
 def sampling_picture(table: Table) -> Picture:
     """Returns figure 3 from table 1 and from the simulated canopy; `table`: the first of
-    `sampling`."""
+    `simulate_sampling`."""
     hz = [float(str(row[0])) for row in table.rows]
     return Picture(
         "Figure 3: CV over sampling frequency, mean of twelve plots",

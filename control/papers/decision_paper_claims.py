@@ -31,30 +31,35 @@ def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
 def extra_nitrogen_kg_ha(
     rates_kg_ha: Sequence[float], uniform_kg_ha: float, product_n_fraction: float = 0.45
 ) -> float:
-    """Returns how much more nitrogen variable dressing gives than a uniform one, kg N/ha, mean
-    over plots of equal size.
+    """Returns the additional nitrogen of variable over uniform dressing, kg N/ha, as the mean of
+    plots of equal size.
 
-    The paper's "about 28 kg/ha more nitrogen" is this on the applied rates of table 2: 28.75;
-    on the target rates it is 17.75. ValueError without plots."""
+    With the applied rates of table 2 the result is 28.75, the paper's "about 28 kg/ha more
+    nitrogen"; with the target rates it is 17.75. ValueError without plots.
+    """
     if not rates_kg_ha:
         raise ValueError("no plots: at least one rate is needed")
     return (sum(rates_kg_ha) / len(rates_kg_ha) - uniform_kg_ha) * product_n_fraction
 
 
-# 28 March, section 3.1 and conclusion 2
+# CV of the NDVI on 28 March, % (section 3.1 and conclusion 2).
 AFTER_CV = {"CK": 11.32, "CP": 10.21, "variable": 8.68}
 HARVESTED_M2 = 5.0
-UREA_N, GRAIN_N_KG_T = 0.45, 23.9  # eq 2
-# section 1.1; diammonium phosphate as traded, 18-46-0
+# Nitrogen share of urea, and nitrogen in the grain, kg/t (eq 2).
+UREA_N, GRAIN_N_KG_T = 0.45, 23.9
+# Base dressing by section 1.1; diammonium phosphate as traded, 18-46-0.
 BASE_N_KG_HA = 225.0 * UREA_N + 150.0 * 0.18
+# Yield without the N-rich strip, t/ha.
 WITHOUT_STRIP_T_HA = 6.73
+# Days of growth.
 DAYS = 82.0
-PAPER_CURVE = (0.359, 324.4)  # eq 3: t/ha, days
+# Yield curve of eq 3: t/ha, and exponent times days.
+PAPER_CURVE = (0.359, 324.4)
 
 
 def yields() -> Table:
-    """Returns table 3: the yields of the sample weights, and those of eq 3 for the plots whose
-    NDVI is printed."""
+    """Returns table 3: yields from the sample weights, and by eq 3 for the plots with printed
+    NDVI."""
     rows = []
     for plot, (sample_kg, cv, kg_ha) in YIELDS.items():
         ndvi = NDVI_OF.get(plot)
@@ -94,7 +99,8 @@ def yields() -> Table:
 
 
 class GrainN(NamedTuple):
-    """Holds how much more nitrogen than CK a plot got and has in its grain, kg N/ha."""
+    """Holds the additional nitrogen, relative to CK, that a plot received and has in its grain,
+    kg N/ha."""
 
     plot: str
     given_kg_ha: float
@@ -106,8 +112,8 @@ class GrainN(NamedTuple):
 
 
 def grain_n() -> list[GrainN]:
-    """Returns the nitrogen of FA, FB and FC: a third, two thirds and all of the base (section
-    1.1), and table 2's applied urea, against table 3's yields."""
+    """Returns the nitrogen of FA, FB and FC: base dressing of a third, two thirds and all
+    (section 1.1), and table 2's applied urea, with table 3's yields."""
     found = []
     for thirds, plot in enumerate(("FA", "FB", "FC"), start=1):
         topdressed = rate_from_weighing_kg_ha(APPLIED[plot][2], APPLIED[plot][0]) * UREA_N
@@ -133,7 +139,7 @@ def found_in_grain() -> Table:
 
 def sampling_claims(simulated: Table) -> list[Claim]:
     """Returns the claims of section 1.2 and figure 3 from table 1. `simulated`: table 1 on a
-    canopy made here."""
+    simulated canopy."""
     ours = [float(row[5] or 0.0) for row in simulated.rows[1:]]
     cv = {hz: np.array([pair[0] for pair in SAMPLING[hz]]) for hz in FREQUENCIES_HZ}
     cuc = np.concatenate([[pair[1] for pair in SAMPLING[hz]] for hz in FREQUENCIES_HZ])
@@ -556,7 +562,7 @@ def yield_claims() -> list[Claim]:
 
 
 def set_up_claims() -> list[Claim]:
-    """Returns figures that describe the trial and the machine: they are inputs here."""
+    """Returns claims about the trial and the machine, which are inputs here."""
     return [
         Claim(
             "introduction",

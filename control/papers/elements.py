@@ -1,5 +1,6 @@
-"""Which elements do the papers describe, where are they in this program, and which are missing
-and why?"""
+"""Lists the elements that the papers describe, their place in this program, and the reason for
+each missing element.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ from .page import Section, Table
 YES, PARTLY, NO = "yes", "partly", "no"
 DECISION, LAG, POINT = "decision", "lag", "point"
 
-# paper, element, here, where (paths of the source, commands of `topdress`), remark
+# Each row has paper, element, presence, place (paths of the source, commands of `topdress`), and a
+# remark.
 ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
     (DECISION, "eq 1: Christiansen's uniformity, CV", YES, "control/agronomy/sampling.py", ""),
     (
@@ -198,7 +200,7 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
 
 
 def elements_section() -> Section:
-    """Returns the table of all elements."""
+    """Returns the section with the table of all elements."""
     count = {here: sum(row[2] == here for row in ELEMENTS) for here in (YES, PARTLY, NO)}
     return Section(
         "Every element of the papers",

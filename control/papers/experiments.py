@@ -1,11 +1,11 @@
-"""Does one machine reproduce every table of the lag paper? Each by its own experiment, and what
-the tables leave open.
+"""Does one machine reproduce every table of the lag paper, each by its own experiment, and what do
+the tables leave open?
 
 Table 2: command to 2 r/min. Table 3: from there to the first granule of a start
-(`control.machine.start`), as the plate of the rig sees it. Table 4: the two together; and table
-1's distances over a speed. Table 1: the start driven over the field at the speed of the test.
-The line of the start and its rise above 70 r/min are fitted to table 3; the speed of the test,
-or instead of it a delay that only the field has, to table 1.
+(`control.machine.start`), as the plate of the rig detects it. Table 4: the sum of both, and table
+1's distances divided by a speed. Table 1: the start over the field at the speed of the test. The
+line of starts and its rise above 70 r/min are fitted to table 3; the speed of the test, or a delay
+that only the field has, is fitted to table 1.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
 
 SPEEDS_RPM = tuple(LAG_M)
 WRITTEN_MPS = LAG_SPEED_KMH / 3.6
-# by which table 4's field times follow from table 1's distances
+# Speed by which table 4's field times follow from table 1's distances, m/s.
 CONVERTED_MPS = 4.5 / 3.6
+# Time step of the simulations, s.
 STEP_S = 0.0025
 MEAN_M = np.array([np.mean(LAG_M[n]) for n in SPEEDS_RPM])
 MEAN_DROP_S = np.array([np.mean(DROP_S[n]) for n in SPEEDS_RPM])
@@ -36,7 +37,7 @@ DROP_SE_S = np.array([np.std(DROP_S[n], ddof=1) / np.sqrt(len(DROP_S[n])) for n 
 
 
 class Sized(NamedTuple):
-    """Holds a fitted figure with its 90 % interval."""
+    """Holds a fitted number with its 90 % interval."""
 
     value: float
     low: float
@@ -47,8 +48,8 @@ class Sized(NamedTuple):
 
 
 class PaperField(NamedTuple):
-    """Holds what converts the rig's lags to the field's distances: the speed of the test, or a
-    delay."""
+    """Holds the conversion of the rig's lags to the field's distances: the speed of the test, or
+    a delay."""
 
     mps: Sized
     mps_rms_m: float
@@ -57,8 +58,8 @@ class PaperField(NamedTuple):
 
 
 def with_rise(machine: Machine) -> tuple[Machine, Sized]:
-    """Returns the machine with the rise above 70 r/min in table 3's means at 80 to 100 r/min,
-    through the rig's test."""
+    """Returns the machine with the rise above 70 r/min fitted to table 3's means at 80 to 100
+    r/min, through the rig's test."""
     above = [k for k, n in enumerate(SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
 
     def risen(rise_s: float) -> Fall:
@@ -78,9 +79,11 @@ def with_rise(machine: Machine) -> tuple[Machine, Sized]:
 
 
 def risen_by(machine: Machine, parameter: Sized) -> Sized:
-    """Returns how much a start at 100 r/min lies above the line, s. The parameter is the rise of
-    a granule's own drop at 100 r/min; granules that leave while the shaft speeds up take less,
-    and the first one is among them."""
+    """Returns the additional time of a start at 100 r/min over the line, s.
+
+    The parameter is the rise of a granule's own drop time at 100 r/min. Granules that leave while
+    the shaft accelerates take less, and the first granule is among them.
+    """
     line = find_first_fall_s(machine, machine.fall, 100.0)
     return Sized(
         *(
@@ -95,8 +98,10 @@ class Odds(NamedTuple):
     and its log likelihood."""
 
     speed_kmh: float
-    delay_s: float  # at the written speed
-    delay_at_4_5_s: float  # at the speed by which table 4's times were made
+    # Delay at the stated speed, s.
+    delay_s: float
+    # Delay at the speed that table 4's times assume, s.
+    delay_at_4_5_s: float
     of_speed: float
     of_delay: float
     of_delay_at_4_5: float
@@ -111,9 +116,12 @@ class Odds(NamedTuple):
 
 
 def speed_or_delay() -> Odds:
-    """Compares table 1's means at 10 to 70 r/min with the line through table 3's seventy drop
-    times and the mean response, with the line's own uncertainty: it enters all seven distances
-    equally, and a steeper rig makes a delay fit as well."""
+    """Compares table 1's means at 10 to 70 r/min with the line through table 3's seventy drop times
+    plus the mean response.
+
+    The line's own uncertainty is included: it is common to all seven distances, and with a steeper
+    line a delay fits as well.
+    """
     rpm = np.array([n for n in SPEEDS_RPM if n <= 70], dtype=np.float64)
     drops = np.concatenate([DROP_S[int(n)] for n in rpm])
     design = np.column_stack([np.ones(len(drops)), np.repeat(rpm, len(drops) // len(rpm))])
@@ -149,9 +157,11 @@ def speed_or_delay() -> Odds:
 def overtaking_fall_s(
     machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float
 ) -> float:
-    """Returns the result of the same test where granules fall singly, each with the drop time of
-    the shaft speed at its release, so that later ones overtake, s. With eq 6 as that drop time
-    it is the earlier model, kept for comparison."""
+    """Returns the drop time in the same test for granules that fall singly, s: each has the drop
+    time of the shaft speed at its release, so later granules overtake.
+
+    With eq 6 as that drop time this is the earlier model, kept for comparison.
+    """
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
@@ -163,12 +173,12 @@ def overtaking_fall_s(
 
 
 def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
-    """Returns the whole lags of a start at the paper's shaft speeds, (10,) s."""
+    """Returns the total lags of a start at the paper's shaft speeds, (10,) s."""
     return np.array([calc_response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
 
 
 def field_of(lags_s: Array) -> PaperField:
-    """Returns the speed or delay that converts the lags to table 1's distances, least squares
+    """Returns the speed or delay that converts the lags to table 1's distances, by least squares
     over all ten shaft speeds."""
     mps = MEAN_M / lags_s
     delay = MEAN_M / WRITTEN_MPS - lags_s
@@ -191,8 +201,8 @@ def _rms(values: Array) -> float:
 
 
 def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
-    """Returns the rows, the r.m.s. by table next to the old model's, what settles what, and the
-    words about it."""
+    """Returns the tables of rows, of r.m.s. errors next to the old model's, and of what each
+    table determines, with sentences."""
     risen, parameter = with_rise(machine)
     rise = risen_by(machine, parameter)
     lags = starts(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
@@ -427,8 +437,12 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
 
 
 def _singly(machine: Machine) -> float:
-    """Returns the running drop at 70 r/min, s, if granules fall singly and overtake: the line
-    whose overtaking start is that of the machine (least squares, 10 to 70 r/min)."""
+    """Returns the drop time of a running shaft at 70 r/min, s, if granules fall singly and
+    overtake.
+
+    The line of drop times is the one whose overtaking start equals that of the machine (least
+    squares, 10 to 70 r/min).
+    """
     speeds = [n for n in SPEEDS_RPM if n <= machine.fall.valid_to_rpm]
 
     def off(line: Array) -> Array:

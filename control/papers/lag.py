@@ -1,5 +1,6 @@
-"""Does the lag paper come out here? Lag distances, response, drop times, the whole lag, the
-line, the correction, and the error of eq 3."""
+"""Which results of the lag paper do the models reproduce? Lag distances, response, drop times,
+total lag, line, correction, and the error of eq 3.
+"""
 
 from __future__ import annotations
 
@@ -41,12 +42,12 @@ from .published import (
 )
 
 SPEED_MPS = LAG_SPEED_KMH / 3.6
-# The paper's field, near Beijing.
+# Latitude and longitude of the paper's field near Beijing, degrees.
 EQ3_AT = (40.0, 116.0)
 
 
 def lag_section(machine: Machine) -> Section:
-    """Returns everything of the paper, published next to obtained."""
+    """Returns the section with all published and obtained values of the paper."""
     correction, words = correction_tables(machine)
     line, line_words = lag_line()
     claims = tuple(lag_claims(machine))
@@ -124,7 +125,7 @@ def drops(machine: Machine) -> Table:
 
 
 def totals(machine: Machine) -> Table:
-    """Returns table 4, whole lags, published and obtained."""
+    """Returns table 4, total lags, published and obtained."""
     rows = tuple(
         (
             rpm,
@@ -145,7 +146,7 @@ def totals(machine: Machine) -> Table:
 
 
 def lag_line() -> tuple[Table, tuple[str, ...]]:
-    """Returns eq 6 fitted again, on the data it claims and on the other column."""
+    """Returns eq 6 fitted again, on the data that the paper names and on the other column."""
     rows: list[tuple[str | float, ...]] = [("eq 6", LAG_LINE[0], LAG_LINE[1], LAG_CORRELATION)]
     fits = {}
     for column, name in ((1, "detected, table 4"), (0, "field, table 4")):
@@ -275,7 +276,7 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
 
 
 def eq3() -> Table:
-    """Returns eq 3's result for 10 m as printed, and in its corrected form on the paper's
+    """Returns eq 3's result for 10 m as printed, and in its corrected form with the paper's
     radius."""
     plane = TangentPlane(*EQ3_AT)
     rows = []
@@ -329,7 +330,7 @@ def drop_picture(machine: Machine) -> Picture:
 
 
 def lags_picture() -> Picture:
-    """Returns figure 9 as section 2.4.3 describes it; its caption names the drop time."""
+    """Returns figure 9 as section 2.4.3 describes it, although its caption names the drop time."""
     speeds = [float(rpm) for rpm in TOTAL_LAG_S]
     return Picture(
         "Figure 9: whole lag over shaft speed, drawn from table 4",
@@ -354,7 +355,7 @@ def lags_picture() -> Picture:
 
 
 def line_picture() -> Picture:
-    """Returns figure 10, the line of the whole lag."""
+    """Returns figure 10, the line of the total lag."""
     speeds = [rpm for rpm in TOTAL_LAG_S if rpm <= 70]
     return Picture(
         "Figure 10: whole lag over shaft speed",

@@ -1,5 +1,6 @@
-"""Is the lag paper's geometry on the prescription map right? Eq 2 (which cell) and eq 4 and 5
-(where a line meets an edge)."""
+"""Is the lag paper's geometry on the prescription map right? Eq 2 (index of a cell) and eq 4 and
+5 (intersection of a line and an edge).
+"""
 
 from __future__ import annotations
 
@@ -14,9 +15,11 @@ from .page import Table
 Point = tuple[float, float]
 # Cell size of the paper's field, m.
 CELL_M = 10.0
-AT = (40.0, 116.0)  # near Beijing
+# Latitude and longitude of a place near Beijing, degrees.
+AT = (40.0, 116.0)
+# Distance of the tested edge, m.
 AHEAD_M = 20.0
-# heading of the working line and of the edge, degrees
+# Name of each case, heading of the working line, and direction of the edge, degrees.
 CASES = (
     ("heading 30, edge east-west", 30.0, 90.0),
     ("heading 30, edge north-south", 30.0, 0.0),
@@ -27,7 +30,7 @@ CASES = (
 
 def paper_cell(distance_m: float, half_m: float) -> int:
     """Returns the column or row of a place by its distance from the middle of cell 0 (eq 2).
-    ValueError before cell 0."""
+    ValueError for a place before cell 0."""
     if distance_m >= half_m:
         return ceil((distance_m - half_m) / (2.0 * half_m))
     if distance_m > -half_m:
@@ -38,24 +41,24 @@ def paper_cell(distance_m: float, half_m: float) -> int:
 def cells_that_agree(
     count: int = 1001, cell: Callable[[float, float], int] = paper_cell
 ) -> tuple[int, int]:
-    """Returns at how many of `count` distances up to 100 m eq 2, `cell`, gives the right cell;
-    an edge belongs to the cell before it."""
+    """Returns the number of `count` distances up to 100 m at which eq 2, `cell`, gives the right
+    cell; an edge belongs to the cell before it."""
     half = 0.5 * CELL_M
     places = [k * 100.0 / (count - 1) for k in range(count)]
     return sum(cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
 
 
 def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
-    """Returns where the line through `of` and `towards` meets that through a and b, by vectors:
-    without a slope, so in any direction. ZeroDivisionError for parallel lines."""
+    """Returns the intersection of the line through `of` and `towards` with that through a and b,
+    by vectors: without slopes, so for any direction. ZeroDivisionError for parallel lines."""
     (dx, dy), (ex, ey) = (towards[0] - of[0], towards[1] - of[1]), (b[0] - a[0], b[1] - a[1])
     share = ((a[0] - of[0]) * ey - (a[1] - of[1]) * ex) / (dx * ey - dy * ex)
     return of[0] + share * dx, of[1] + share * dy
 
 
 def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | None:
-    """Returns the same by eq 4 and 5 as printed; None where a slope does not exist (eq 4 needs
-    X1 other than X2)."""
+    """Returns the intersection by eq 4 and 5 as printed; None where a slope does not exist (eq 4
+    requires X1 other than X2)."""
     if of[0] == towards[0]:
         return None
     k1 = (of[1] - towards[1]) / (of[0] - towards[0])
@@ -88,7 +91,8 @@ def boundary_table() -> Table:
         ]
         a, b = (point(*end) for end in ends)
         if edge_deg == 0.0:
-            b = (a[0], b[1])  # a meridian to the last digit
+            # The edge is a meridian to the last digit.
+            b = (a[0], b[1])
         towards = point(*way)
         here = point(0.0, 0.0)
         towards = (here[0], towards[1]) if heading_deg == 0.0 else towards

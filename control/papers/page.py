@@ -1,5 +1,6 @@
-"""What does a page of reproductions consist of? Sections with words, tables and pictures, before
-they are drawn, and claims next to the results obtained here."""
+"""Defines the content of a page of reproductions: sections with words, tables and pictures, and
+claims next to the obtained results.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ Cell = str | float | None
 
 
 class Table(NamedTuple):
-    """Holds a table. `decimals`: of the numbers, column by column."""
+    """Holds a table. `decimals`: number of decimals of each column."""
 
     title: str
     columns: tuple[str, ...]
@@ -20,8 +21,8 @@ class Table(NamedTuple):
 
 
 class Line(NamedTuple):
-    """Holds a line of a picture. `kind`: published, ours or other; `joined`: a line, otherwise
-    marks."""
+    """Holds a line of a picture. `kind`: published, ours or other; `joined`: whether points are
+    joined by a line, otherwise shown as marks."""
 
     name: str
     kind: str
@@ -31,6 +32,8 @@ class Line(NamedTuple):
 
 
 class Picture(NamedTuple):
+    """Holds a picture: its title, the labels of its axes, and its lines."""
+
     title: str
     x: str
     y: str
@@ -38,23 +41,25 @@ class Picture(NamedTuple):
 
 
 class How(StrEnum):
-    """Names where an obtained figure comes from. A copied figure has none: an input cannot
-    confirm itself."""
+    """Names the origin of an obtained number. A copied number has no result, because an input
+    cannot confirm itself."""
 
-    # from other figures that the paper prints, by its own definition
+    # The number follows from other printed numbers, by the paper's definition.
     RECOMPUTED = "recomputed"
-    # parameters fitted to printed data, next to the printed parameters
+    # Parameters were fitted to printed data and compared with the printed parameters.
     FITTED = "fitted"
-    SIMULATED = "simulated"  # by this program's models
-    # taken over as an input, or printed without anything to compute it from
+    # The number comes from this program's models.
+    SIMULATED = "simulated"
+    # The number is an input, or is printed without data to calculate it.
     COPIED = "copied"
 
 
 class Claim(NamedTuple):
     """Holds a claim of a paper.
 
-    `where`: equation, table, figure or section; `says`: its content. `agrees`: None where
-    nothing is compared. `within`: tolerance, and its reason."""
+    `where`: equation, table, figure or section; `says`: its content. `agrees`: None where nothing
+    is compared. `within`: tolerance and its reason.
+    """
 
     where: str
     says: str
@@ -67,6 +72,8 @@ class Claim(NamedTuple):
 
 
 class Section(NamedTuple):
+    """Holds a section of a page."""
+
     title: str
     words: tuple[str, ...]
     tables: tuple[Table, ...] = ()
@@ -89,8 +96,8 @@ def compared(
     remark: str = "",
     why: str = DIGITS,
 ) -> Claim:
-    """Compares two numbers: they agree if they differ by at most `within`, for the reason `why`.
-    `form`: of both, with the unit."""
+    """Compares two numbers, which agree if they differ by at most `within`, for the reason
+    `why`. `form`: format of both, with the unit."""
     unit = form.partition("}")[2].strip()
     return Claim(
         where,
@@ -105,8 +112,10 @@ def compared(
 
 
 def ledger(name: str, claims: Sequence[Claim]) -> Table:
-    """Returns every claim of a paper as a table. Raises ValueError for a copied figure that
-    claims to be obtained, and for a verdict without its tolerance."""
+    """Returns every claim of a paper as a table.
+
+    Raises ValueError for a copied number with a result, and for a verdict without a tolerance.
+    """
     for claim in claims:
         if (claim.how is How.COPIED) != (not claim.obtained):
             raise ValueError(
@@ -141,7 +150,7 @@ def _verdict(claim: Claim) -> str:
 
 
 def summary(papers: Sequence[Section]) -> Section:
-    """Returns how many claims there are of each kind, and those that do not hold."""
+    """Returns the number of claims of each kind, and the claims that do not agree."""
     counts: list[tuple[str | float, ...]] = []
     against: list[tuple[str, ...]] = []
     for paper in papers:

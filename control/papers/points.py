@@ -1,5 +1,6 @@
-"""Does the point paper come out here? Delays, shaft speeds by microstep, and where doses land,
-which it planned but does not print."""
+"""Which results of the point paper do the models reproduce? Delays, shaft speeds by microstep,
+and the landing positions of doses, which the paper planned but does not print.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 
 
 def points_section(plants: int = 200) -> Section:
-    """Returns everything of the paper, published next to obtained; dose placement on a simulated
-    row of plants."""
+    """Returns the section with all published and obtained values of the paper, and dose
+    placement on a simulated row of plants."""
     table, picture = placement(plants)
     claims = tuple(points_claims(calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
     return Section(
@@ -74,7 +75,7 @@ def microsteps() -> Table:
 
 
 def turning_picture() -> Picture:
-    """Returns figure 4: the time of a turn at each microstep mode, 6 n degrees a second."""
+    """Returns figure 4: the time of a revolution at each microstep mode, 6 n degrees a second."""
     kinds = ("published", "other", "ours")
     return Picture(
         "Figure 4: turning time over angle (recomputed from table 1's shaft speeds)",
@@ -88,7 +89,7 @@ def turning_picture() -> Picture:
 
 
 def placement(plants: int) -> tuple[Table, Picture]:
-    """Returns where simulated doses land, as a table and a picture."""
+    """Returns the landing positions of simulated doses, as a table and a picture."""
     lag = calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
     rows = []
     missed: dict[float, list[float]] = {}
@@ -130,7 +131,7 @@ def placement(plants: int) -> tuple[Table, Picture]:
     )
 
 
-# Full steps of 1.8 degrees.
+# Number of full steps of 1.8 degrees in a revolution.
 STEPS_A_TURN = 200.0
 TURN_DEG, SHAFT_RPM, FALL_M = 120.0, 99.8, 1.0
 

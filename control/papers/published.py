@@ -1,9 +1,11 @@
-"""Which figures do the papers print? As they print them; control does not use them, they stand
-next to ours."""
+"""Contains the numbers that the papers print, unchanged, for comparison only; control does not
+use them.
+"""
 
 from __future__ import annotations
 
-# Decision paper (A), table 1: plots, and for each frequency (CV %, C_uc %) in their order
+# Decision paper (A), table 1: plots in their order, and for each frequency CV, %, and C_uc, %, of
+# each plot.
 PLOTS = (
     "CK-0",
     "CK-1",
@@ -91,14 +93,14 @@ SAMPLING: dict[float, tuple[tuple[float, float], ...]] = {
     ),
 }
 
-# A, table 2: plot -> area m2, target kg, applied kg, error %
+# Paper A, table 2: area, m2, target, kg, applied, kg, and error, %, of each plot.
 APPLIED: dict[str, tuple[float, float, float, float]] = {
     "FA": (600.0, 22.0, 23.6, 7.27),
     "FB": (600.0, 20.2, 21.9, 8.42),
     "FC": (600.0, 18.9, 20.0, 5.82),
 }
 
-# A, table 3: treatment -> sample kg, CV %, yield kg/ha
+# Paper A, table 3: sample, kg, CV, %, and yield, kg/ha, of each treatment.
 YIELDS: dict[str, tuple[float, float, float]] = {
     "CK": (3.01, 15.2, 6000.6),
     "FA": (3.06, 9.1, 6125.3),
@@ -107,16 +109,18 @@ YIELDS: dict[str, tuple[float, float, float]] = {
     "CP": (3.56, 11.3, 7125.1),
 }
 
-# A, 7 March, figure 2: the least and the largest mean
+# Paper A, 7 March, figure 2: smallest and largest mean NDVI.
 NDVI_OF = {"CK": 0.467, "FC": 0.546}
 
-EXTRA_N_KG_HA = 28.0  # A, section 3.2: "about"
+# Paper A, section 3.2: "about" this amount.
+EXTRA_N_KG_HA = 28.0
 UNIFORM_KG_HA = 300.0
 MAIN_SPEED_KMH = 4.5
 
-LAG_SPEED_KMH = 4.25  # lag paper (B): of every field test
+# Lag paper (B): ground speed of every field test, km/h.
+LAG_SPEED_KMH = 4.25
 
-# B, table 1: shaft r/min -> lag distance m, three replicates
+# Paper B, table 1: lag distances, m, of three replicates by shaft speed, r/min.
 LAG_M: dict[int, tuple[float, ...]] = {
     10: (3.13, 3.05, 3.18),
     20: (2.95, 3.05, 2.87),
@@ -130,7 +134,7 @@ LAG_M: dict[int, tuple[float, ...]] = {
     100: (2.68, 2.73, 2.71),
 }
 
-# B, table 2: shaft r/min -> response s, tractor standing and moving
+# Paper B, table 2: response, s, with the tractor standing and moving, by shaft speed, r/min.
 RESPONSE_S: dict[int, tuple[float, float]] = {
     10: (0.377, 0.382),
     20: (0.39, 0.374),
@@ -144,7 +148,7 @@ RESPONSE_S: dict[int, tuple[float, float]] = {
     100: (0.376, 0.387),
 }
 
-# B, table 3: shaft r/min -> drop time s, ten replicates
+# Paper B, table 3: drop times, s, of ten replicates by shaft speed, r/min.
 DROP_S: dict[int, tuple[float, ...]] = {
     10: (1.861, 1.751, 1.831, 1.641, 1.865, 1.862, 1.752, 1.861, 1.864, 1.643),
     20: (1.583, 1.639, 1.576, 1.628, 1.75, 1.634, 1.642, 1.532, 1.625, 1.635),
@@ -158,7 +162,7 @@ DROP_S: dict[int, tuple[float, ...]] = {
     100: (1.313, 1.417, 1.425, 1.638, 1.529, 1.534, 1.425, 1.315, 1.535, 1.426),
 }
 
-# B, table 4: shaft r/min -> whole lag s, from the field and by the detector
+# Paper B, table 4: total lags, s, from the field and by the detector, by shaft speed, r/min.
 TOTAL_LAG_S: dict[int, tuple[float, float]] = {
     10: (2.496, 2.176),
     20: (2.365, 2.006),
@@ -172,10 +176,13 @@ TOTAL_LAG_S: dict[int, tuple[float, float]] = {
     100: (2.165, 1.838),
 }
 
-LAG_LINE = (2.2118, -8.3e-3)  # B, eq 6: s at 0 r/min, s per r/min; 10-70 r/min
-LAG_CORRELATION = 0.97  # B, figure 10
+# Paper B, eq 6: s at 0 r/min, and s per r/min; valid for 10-70 r/min.
+LAG_LINE = (2.2118, -8.3e-3)
+# Paper B, figure 10: correlation of the line.
+LAG_CORRELATION = 0.97
 
-# B, table 5: shaft r/min -> miss m after the correction, late positive, three replicates
+# Paper B, table 5: misses, m, after the correction, late positive, of three replicates by shaft
+# speed, r/min.
 CORRECTED_M: dict[int, tuple[float, ...]] = {
     10: (-0.163, 0.685, 0.457),
     20: (0.955, 1.05, 1.133),
@@ -186,7 +193,7 @@ CORRECTED_M: dict[int, tuple[float, ...]] = {
     70: (0.893, 0.75, 0.983),
 }
 
-# B, table 6: shaft r/min -> miss m before and after the correction
+# Paper B, table 6: misses, m, before and after the correction by shaft speed, r/min.
 GAIN_M: dict[int, tuple[float, float]] = {
     10: (3.12, 0.326),
     20: (2.96, 1.046),
@@ -197,14 +204,14 @@ GAIN_M: dict[int, tuple[float, float]] = {
     70: (2.33, 0.875),
 }
 
-# Point paper (C), table 1: microstep mode -> shaft r/min
+# Point paper (C), table 1: shaft speed, r/min, by microstep mode.
 MICROSTEPS: dict[int, float] = {
     1: 201.0,
     2: 99.8,
     4: 50.0,
 }
 
-# C, section 2.3
+# Paper C, section 2.3: delays, s.
 POINT_DELAYS_S: dict[str, float] = {
     "vision": 1.5,
     "link": 0.8,

@@ -1,6 +1,6 @@
-"""How does a field trial of one's own compare with the decision paper's? Readings by plot before
-and after, the best decision rate, target against weighed kilograms, yields (tables 1 to 3,
-figure 7)."""
+"""How does a user's field trial compare with the decision paper's? Readings by plot before and
+after, the best decision rate, target and weighed masses, yields (tables 1 to 3, figure 7).
+"""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from .decision_paper_claims import rate_from_weighing_kg_ha
 from .page import Cell, Line, Picture, Section, Table
 from .published import APPLIED
 
-# Halvings of the sampling frequency: 2 to 0.125 Hz, as in table 1.
+# Number of halvings of the sampling frequency: 2 to 0.125 Hz, as in table 1.
 HALVINGS = 4
-# Least number of a plot's readings at the lowest frequency: fewer give no standard deviation.
+# Minimum number of a plot's readings at the lowest frequency: fewer readings give no standard
+# deviation.
 LEAST_READINGS = 4
 # Confidence of the intervals on these pages.
 CONFIDENCE = 0.90
@@ -33,9 +34,10 @@ CONFIDENCE = 0.90
 class Plot(NamedTuple):
     """Holds one plot.
 
-    `before`, `after`: the canopy's index, mean of the heads, (n,), in the order of the way.
-    Masses within it, kg: `target_kg`, `logged_kg` by the log, `weighed_kg` by the scales; None:
-    unknown. `samples_kg_ha`: yields."""
+    `before`, `after`: the canopy's index, mean of the heads, (n,), in order of the path. Masses of
+    the plot, kg: `target_kg`, `logged_kg` by the log, `weighed_kg` by the scales; None means
+    unknown. `samples_kg_ha`: yields.
+    """
 
     name: str
     treatment: str
@@ -49,13 +51,13 @@ class Plot(NamedTuple):
 
     @property
     def given_kg_ha(self) -> float | None:
-        """Returns the rate of product as weighed; by the log where nobody weighed."""
+        """Returns the applied rate by weighing, or by the log where nothing was weighed, kg/ha."""
         kg = self.logged_kg if self.weighed_kg is None else self.weighed_kg
         return None if kg is None else rate_from_weighing_kg_ha(kg, self.area_m2)
 
 
 class Trial(NamedTuple):
-    """Holds a trial. `hz`: of the readings in the log; n_fraction: N in the product;
+    """Holds a trial. `hz`: rate of the readings in the log; n_fraction: N in the product;
     grain_n_kg_t: N in the grain."""
 
     plots: tuple[Plot, ...]
@@ -73,8 +75,8 @@ class Trial(NamedTuple):
 
 
 def trial_section(trial: Trial, control: str | None = None) -> Section:
-    """Returns the section of a trial. control: the treatment that the others are compared with;
-    None: the one with the least product. Raises ValueError."""
+    """Returns the section of a trial. control: the treatment for comparison; None for the
+    treatment with the least product. Raises ValueError."""
     if control is not None and control not in trial.treatments:
         raise ValueError(f"--control {control}: allowed is one of {', '.join(trial.treatments)}")
     against = control or _least(trial)
@@ -89,7 +91,7 @@ def trial_section(trial: Trial, control: str | None = None) -> Section:
 
 
 def choice_of(trial: Trial) -> FrequencyChoice | None:
-    """Returns the decision rate by the plots' own readings; None where they are too few."""
+    """Returns the best decision rate by the plots' own readings; None for too few readings."""
     plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
     try:
         return choose_frequency(plots, trial.hz)
@@ -140,7 +142,7 @@ def _frequencies(plot: Plot, hz: float) -> dict[float, Evenness]:
 
 
 def canopy(trial: Trial) -> Table:
-    """Returns figure 7 as a table: each plot, and each treatment's plots together."""
+    """Returns figure 7 as a table: each plot, and the plots of each treatment together."""
     rows: list[tuple[Cell, ...]] = []
     for treatment, plots in trial.treatments.items():
         rows += [
@@ -201,8 +203,8 @@ def _known(value: float) -> float | None:
 
 
 def amounts(trial: Trial) -> Table:
-    """Returns table 2 of these plots: errors against the target, as in the paper; the log's own
-    kilograms next to the weighed ones show whether log or machine is wrong."""
+    """Returns table 2 of these plots: errors relative to the target, as in the paper. Logged and
+    weighed masses show whether the log or the machine is wrong."""
 
     def percent(kg: float | None, of_kg: float | None) -> float | None:
         return None if kg is None or not of_kg else 100.0 * (kg / of_kg - 1.0)
@@ -242,9 +244,12 @@ def amounts(trial: Trial) -> Table:
 
 
 def yields(trial: Trial, control: str) -> tuple[Table, ...]:
-    """Returns table 3 of these plots, with what it cannot show: whether treatments differ beyond
-    their samples' scatter. A plot is one replicate, the mean of its samples; samples of one plot
-    are not independent replicates."""
+    """Returns table 3 of these plots, with the test whether treatments differ by more than their
+    samples' scatter.
+
+    A plot is one replicate, the mean of its samples; samples of one plot are not independent
+    replicates.
+    """
     means = {
         name: [float(np.mean(plot.samples_kg_ha)) for plot in plots if plot.samples_kg_ha]
         for name, plots in trial.treatments.items()
@@ -300,7 +305,7 @@ def yields(trial: Trial, control: str) -> tuple[Table, ...]:
 
 def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None, float | None]:
     """Returns the difference of two means, and half of its 90 % interval (Welch 1947, Biometrika
-    34:28-35); no interval where either is a single plot."""
+    34:28-35); no interval where either has a single plot."""
     if not ours or not others:
         return None, None
     more = float(np.mean(ours) - np.mean(others))

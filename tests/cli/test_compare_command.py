@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from topdress.control.diagnosis.runs.compared import interval_of_difference
+from topdress.control.diagnosis.runs.compared import calc_rms_interval
 from topdress.control.machine.machine import Adopted, add_effect
 from topdress.drivers.files.config import calc_sha256, load_config, save_config
 from topdress.drivers.files.kinds import MACHINE
@@ -114,7 +114,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     rng, held = np.random.default_rng(3), 0
     for _ in range(300):
         noise = np.convolve(rng.standard_normal(2019), np.ones(20) / np.sqrt(20.0), "valid")
-        low, high = interval_of_difference(noise + np.sin(np.arange(2000) / 30.0), noise)
+        low, high = calc_rms_interval(noise + np.sin(np.arange(2000) / 30.0), noise)
         held += low < np.sqrt(1.5) - 1.0 < high
     assert 0.84 <= held / 300 <= 0.96
 

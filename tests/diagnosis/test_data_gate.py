@@ -9,10 +9,10 @@ import pytest
 from topdress.control.diagnosis.runs.channels import make_hopper_channel
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.diagnosis.runs.drives import repeated_in_motion
+from topdress.control.diagnosis.runs.drives import find_repeated_rows
 from topdress.control.diagnosis.runs.findings import note_faults_between_rows
 from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
-from topdress.control.diagnosis.runs.log import Clean, clean_run_log
+from topdress.control.diagnosis.runs.log import CleanLog, clean_run_log
 from topdress.control.diagnosis.runs.row_order import COMMANDS, order_log_rows
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
@@ -184,7 +184,7 @@ def in_force(log: Columns) -> Columns:
     return {**log, **{name: np.r_[log[name][:1], log[name][:-1]] for name in COMMANDS}}
 
 
-def as_said(log: Columns) -> Clean:
+def as_said(log: Columns) -> CleanLog:
     return order_log_rows(clean_run_log(log), HUANGHAI)
 
 
@@ -300,9 +300,9 @@ def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
     for at in np.flatnonzero(np.diff(command) < 0.0)[20:32] + 1:
         rpm[at : at + 9] = ramp + np.random.default_rng(at).normal(0.0, 0.3, 9)
         rpm[at + 4 : at + 6] = rpm[at + 3]
-    held = repeated_in_motion(rpm, 0.3)
+    held = find_repeated_rows(rpm, 0.3)
     assert held.sum() == 24 and np.all(rpm[held] == rpm[np.flatnonzero(held) - 1])
-    assert not repeated_in_motion(np.round(rpm), 0.3).any(), "a coarse reading is held by nothing"
+    assert not find_repeated_rows(np.round(rpm), 0.3).any(), "a coarse reading is held by nothing"
     # a row a step, one read twice: each is an answer of its own
     asked_rpm = np.linspace(100.0, 600.0, 80)
     stairs = settled(asked_rpm, asked_rpm + np.random.default_rng(5).normal(0.0, 0.1, 80))
@@ -314,7 +314,7 @@ def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
         shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06),
     )
     clean = clean_run_log(stairs)
-    assert repeated_in_motion(clean.columns["shaft_rpm"], 0.3).any()
+    assert find_repeated_rows(clean.columns["shaft_rpm"], 0.3).any()
     assert make_run_data(clean, machine).shaft.grid.rows.tolist().count(30) == 1
 
 

@@ -18,11 +18,11 @@ from topdress.console.app.pages.diagnosis.service import DiagnosisView
 from topdress.console.app.pages.diagnosis.words import find_adopted_title
 from topdress.console.cli.diagnose import adopt_findings
 from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_order
-from topdress.control.diagnosis.extend import extend, not_adoptable
+from topdress.control.diagnosis.extend import extend, find_cause_refusal
 from topdress.control.diagnosis.result import Cause, Diagnosis, Rival
 from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.channels import make_channels
-from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, prepare_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.search import Search
 from topdress.control.machine.machine import Limits
@@ -78,11 +78,11 @@ def test_two_speeds_are_a_line_and_no_curve() -> None:
 
 def test_freedom_of_form_moves_no_size() -> None:
     columns = {name: np.asarray(values) for name, values in staircase(1).items()}
-    _, data, _ = series_of_log(columns, DRIVE)
+    _, data, _ = prepare_log(columns, DRIVE)
     search = Search([make_channels(data, DRIVE)["shaft"]], DRIVE, data)
     parts = (EffectInstance("shaft.gain", 100.0), EffectInstance("shaft.dead_zone", 90.0))
-    slopes = search.columns.slopes(parts)
-    for form in search.columns.form_columns(parts, slopes):
+    slopes = search.columns.list_slopes(parts)
+    for form in search.columns.list_shape_columns(parts, slopes):
         for slope in slopes:
             a, b = form.coefficients["shaft"], slope.coefficients["shaft"]
             assert abs(a @ b) < 1e-6 * np.linalg.norm(a) * np.linalg.norm(b) + 1e-9
@@ -119,7 +119,9 @@ def test_names_that_leave_something_are_adopted_together() -> None:
     found = diagnose_run(eight_duties(1), machine)
     new = extend(
         machine,
-        select_adoptable(found, [one.id for one in found.causes if not not_adoptable(one)]).found,
+        select_adoptable(
+            found, [one.id for one in found.causes if not find_cause_refusal(one)]
+        ).found,
     )
     assert error_on(eight_duties(2), new) < 0.5 * error_on(eight_duties(2), machine)
 

@@ -10,7 +10,7 @@ import pytest
 from topdress.console.cli import diagnose
 from topdress.control.diagnosis.dataframe_input import read_columns
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.diagnosis.runs.log import UNREAD, clean_run_log
+from topdress.control.diagnosis.runs.log import UNREAD_COLUMNS, clean_run_log
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.read_log import read_log
@@ -60,9 +60,9 @@ def test_arrays_that_cannot_be_written_and_columns_that_are_not_read_change_no_a
     assert diagnose_run(locked, Machine()).to_json() == answer
     more = {
         name: np.full(ROWS, "text", object) if name in TEXT_COLUMNS else rng.normal(5.0, 2.0, ROWS)
-        for name in sorted(UNREAD)
+        for name in sorted(UNREAD_COLUMNS)
     }
-    assert UNREAD < set(COLUMNS) and not UNREAD & {"state", "events", "time_s"}
+    assert UNREAD_COLUMNS < set(COLUMNS) and not UNREAD_COLUMNS & {"state", "events", "time_s"}
     assert diagnose_run(printed | more, Machine()).to_json() == answer
 
 

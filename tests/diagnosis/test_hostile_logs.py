@@ -12,8 +12,8 @@ import pytest
 from topdress.control.diagnosis.runs import diagnose
 from topdress.control.diagnosis.runs.diagnose import diagnose_run, has_finite_numbers
 from topdress.control.diagnosis.runs.log import (
-    LONGEST_NAME,
-    MOST_KEPT,
+    MAX_FURTHER_COLUMNS,
+    MAX_NAME_LETTERS,
     clean_run_log,
     select_variables,
 )
@@ -169,7 +169,7 @@ def test_what_is_no_further_column_is_left_out_and_said() -> None:
             "load": some,
             "load again": -2.0 * some,
             "": some + 1.0,
-            "x" * (LONGEST_NAME + 1): some,
+            "x" * (MAX_NAME_LETTERS + 1): some,
             "tiny": 1e-6 * some,
         },
         known,
@@ -189,9 +189,10 @@ def test_of_too_many_columns_those_that_go_with_a_reading_are_kept() -> None:
     columns |= {f"signal {k}": RNG.normal(0.0, 1.0, ROWS).cumsum() for k in range(1990)}
     columns["signal 777"] = 40.0 + 10.0 * load + RNG.normal(0.0, 0.3, ROWS)
     log = clean_run_log(columns)
-    assert len(log.further) == MOST_KEPT and "signal 777" in log.further
+    assert len(log.further) == MAX_FURTHER_COLUMNS and "signal 777" in log.further
     assert any(
-        f"the {MOST_KEPT} that go best with the readings are kept" in text for text in log.findings
+        f"the {MAX_FURTHER_COLUMNS} that go best with the readings are kept" in text
+        for text in log.findings
     )
 
 

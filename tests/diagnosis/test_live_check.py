@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.control.diagnosis.judgement.noise import Noise
-from topdress.control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
+from topdress.control.diagnosis.live.rolling import ALARM_THRESHOLD, ChangePoint, SequentialTest
 from topdress.control.diagnosis.live.watch import (
-    AGAIN_S,
-    LOOK_S,
-    MOST_S,
-    QUARTER_S,
+    CHECK_INTERVAL_S,
+    DIAGNOSIS_INTERVAL_S,
+    MAX_STRETCH_S,
+    RETRY_INTERVAL_S,
     LiveCheck,
     find_departure,
 )
@@ -50,7 +50,7 @@ def wheel_log(seconds: float, wrong_from_s: float = np.inf, percent: float = 4.0
 def change_points(columns: dict[str, Any], machine: Machine) -> list[ChangePoint]:
     """The test asked once, of the end of a log."""
     time_s = columns["time_s"]
-    return Rolling(machine)(
+    return SequentialTest(machine)(
         lambda since_s: {name: column[time_s >= since_s] for name, column in columns.items()},
         float(time_s[-1]),
     )
@@ -58,11 +58,11 @@ def change_points(columns: dict[str, Any], machine: Machine) -> list[ChangePoint
 
 def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, Departure | None]]:
     time_s, seen = columns["time_s"], []
-    for at_s in np.arange(LOOK_S, time_s[-1] + LOOK_S, LOOK_S):
-        new = (time_s >= at_s - LOOK_S) & (time_s < at_s)
-        check.add({name: array[new] for name, array in columns.items()})
-        if check.due:
-            seen.append((check.now_s, check.look()))
+    for at_s in np.arange(CHECK_INTERVAL_S, time_s[-1] + CHECK_INTERVAL_S, CHECK_INTERVAL_S):
+        new = (time_s >= at_s - CHECK_INTERVAL_S) & (time_s < at_s)
+        check.add_rows({name: array[new] for name, array in columns.items()})
+        if check.is_due:
+            seen.append((check.now_s, check.check_rows()))
     return seen
 
 
@@ -95,9 +95,9 @@ def cause(effect_id: str, *rivals: Rival, onset_s: float | None = None) -> Cause
 
 def test_the_test_sees_a_wheel_that_begins_to_read_too_much_and_nothing_before() -> None:
     calm = change_points(wheel_log(500.0), MACHINE)
-    assert [one.group for one in calm] == ["speed"] and calm[0].evidence < BAR
+    assert [one.group for one in calm] == ["speed"] and calm[0].evidence < ALARM_THRESHOLD
     (found,) = change_points(wheel_log(500.0, 400.0), MACHINE)
-    assert found.part.id.startswith("speed.wheel_") and found.evidence > BAR
+    assert found.part.id.startswith("speed.wheel_") and found.evidence > ALARM_THRESHOLD
     assert found.part.onset_s == pytest.approx(400.0, abs=10.0)
     assert found.part.size == pytest.approx(4.0, abs=1.0)
 
@@ -129,7 +129,7 @@ def shaft_log(seconds: float, wrong_from_s: float, percent: float) -> dict[str, 
 
 def test_every_effect_of_a_group_is_tried_and_the_likeliest_one_is_said() -> None:
     (found,) = change_points(shaft_log(500.0, 400.0, -5.0), MACHINE)
-    assert found.part.id in ("shaft.gain", "shaft.load_droop") and found.evidence > BAR
+    assert found.part.id in ("shaft.gain", "shaft.load_droop") and found.evidence > ALARM_THRESHOLD
     assert found.part.onset_s == pytest.approx(400.0, abs=5.0)
 
 
@@ -142,7 +142,9 @@ def test_the_statistic_grows_by_one_a_sample_where_nothing_begins() -> None:
             len(columns["time_s"])
         )
         most.append(change_points(columns, MACHINE)[0].evidence)
-    assert np.log(100.0) - 3.0 < np.median(most) < np.log(600.0) + 1.0 and max(most) < BAR
+    assert (
+        np.log(100.0) - 3.0 < np.median(most) < np.log(600.0) + 1.0 and max(most) < ALARM_THRESHOLD
+    )
 
 
 @pytest.mark.exam
@@ -191,7 +193,7 @@ def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
 def test_a_beginning_below_the_bar_is_not_diagnosed() -> None:
     check = LiveCheck(
         MACHINE,
-        lambda *_: [ChangePoint("speed", WHEEL, BAR - 0.1)],
+        lambda *_: [ChangePoint("speed", WHEEL, ALARM_THRESHOLD - 0.1)],
         lambda *_: pytest.fail("diagnosed"),
     )
     assert all(one is None for _, one in fed(check, wheel_log(800.0)))
@@ -199,7 +201,7 @@ def test_a_beginning_below_the_bar_is_not_diagnosed() -> None:
 
 def test_the_drift_is_learnt_of_the_looks_before_and_not_of_what_begins_now() -> None:
     """A change would pass for a noise that drifts as much as it changed."""
-    rolling = Rolling(MACHINE)
+    rolling = SequentialTest(MACHINE)
     quiet, loud = (Noise((-3.0, 0.0, float(np.log(sd)), 5.0)) for sd in (0.1, 0.9))
     first = rolling._find_usual_noise("shaft", quiet)
     assert first == quiet  # nothing learnt yet
@@ -243,14 +245,14 @@ def test_what_has_no_name_must_be_seen_twice(until_s: float, ended_s: float, sai
 
     seen = fed(LiveCheck(MACHINE, begins, nameless), wheel_log(800.0))
     times = [at_s for at_s, one in seen if one is not None]
-    assert bool(times) is said and all(at_s >= seen[0][0] + AGAIN_S for at_s in times)
+    assert bool(times) is said and all(at_s >= seen[0][0] + RETRY_INTERVAL_S for at_s in times)
 
 
 def by_quarter(*causes: tuple[Cause, ...], asked: list[int]) -> Any:
     """A diagnosis that answers for the quarter that it is asked about."""
 
     def diagnose(columns: Any, _: Machine) -> Diagnosis:
-        asked.append(round(float(columns["time_s"][-1]) / QUARTER_S) - 1)
+        asked.append(round(float(columns["time_s"][-1]) / DIAGNOSIS_INTERVAL_S) - 1)
         return diagnosis(*causes[asked[-1]])
 
     return diagnose
@@ -262,8 +264,8 @@ def test_what_was_there_from_the_start_must_be_found_twice() -> None:
     check = LiveCheck(MACHINE, lambda *_: [], by_quarter(flow, (), flow, flow, (), (), asked=asked))
     quarters = [
         one
-        for at_s, one in fed(check, wheel_log(6 * QUARTER_S + 100.0))
-        if at_s % QUARTER_S < LOOK_S
+        for at_s, one in fed(check, wheel_log(6 * DIAGNOSIS_INTERVAL_S + 100.0))
+        if at_s % DIAGNOSIS_INTERVAL_S < CHECK_INTERVAL_S
     ]
     assert [one is not None for one in quarters] == [False, False, False, True, True, False]
     # the first says nothing alone: it is asked once the second says so
@@ -273,7 +275,7 @@ def test_what_was_there_from_the_start_must_be_found_twice() -> None:
 def test_healthy_work_is_diagnosed_once_in_half_an_hour() -> None:
     asked: list[int] = []
     check = LiveCheck(MACHINE, lambda *_: [], by_quarter(*6 * [()], asked=asked))
-    fed(check, wheel_log(6 * QUARTER_S + 100.0))
+    fed(check, wheel_log(6 * DIAGNOSIS_INTERVAL_S + 100.0))
     assert asked == [1, 3, 5]
 
 
@@ -281,10 +283,10 @@ def test_a_quarter_that_departs_alone_is_followed_by_the_next() -> None:
     asked: list[int] = []
     flow = (cause("flow.gain"),)
     check = LiveCheck(MACHINE, lambda *_: [], by_quarter((), flow, flow, (), asked=asked))
-    seen = fed(check, wheel_log(4 * QUARTER_S + 100.0))
+    seen = fed(check, wheel_log(4 * DIAGNOSIS_INTERVAL_S + 100.0))
     assert asked[:3] == [1, 0, 2]
     assert next(at_s for at_s, one in seen if one is not None) == pytest.approx(
-        3 * QUARTER_S, abs=LOOK_S
+        3 * DIAGNOSIS_INTERVAL_S, abs=CHECK_INTERVAL_S
     )
 
 
@@ -319,4 +321,6 @@ def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
     fed(check, {name: array[20_000:] for name, array in columns.items()})
     assert check.now_s == pytest.approx(3999.9)
     assert len(kept[-1]["time_s"]) == len(kept[-1]["state"])
-    assert np.ptp(kept[-1]["time_s"]) == pytest.approx(MOST_S + QUARTER_S, abs=LOOK_S)
+    assert np.ptp(kept[-1]["time_s"]) == pytest.approx(
+        MAX_STRETCH_S + DIAGNOSIS_INTERVAL_S, abs=CHECK_INTERVAL_S
+    )

@@ -9,18 +9,23 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from topdress.control.diagnosis.judgement.noise import (
-    coefficients,
+    calc_coefficients,
     leave_out_bands,
     make_segments,
-    make_series_of,
+    make_series,
 )
 from topdress.control.diagnosis.judgement.noise_fit import solve_linear_system
-from topdress.control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, hold_out_blocks
+from topdress.control.diagnosis.runs.held_out import (
+    BLOCK_COUNT,
+    BLOCK_MARGIN_S,
+    HELD_OUT_BLOCKS,
+    hold_out_blocks,
+)
 from topdress.control.diagnosis.runs.quantised import (
+    calc_rounding_error,
+    find_final_steps,
     find_reading_step,
-    noise_before_rounding,
-    rounding_error,
-    steps_to_the_end,
+    fit_dither_noise,
 )
 from topdress.control.diagnosis.runs.robust import find_tail_excess
 
@@ -43,14 +48,14 @@ def test_a_wave_lies_in_the_band_of_its_frequency() -> None:
     per sample."""
     cut = make_segments(2000, ((0, 1000), (1000, 2000)))
     wave = np.where(np.arange(2000) < 1000, 0.0, np.sin(0.5 * np.arange(2000)))
-    power = np.add.reduceat(coefficients(wave, cut) ** 2, cut.starts)
+    power = np.add.reduceat(calc_coefficients(wave, cut) ** 2, cut.starts)
     assert cut.omega[power.argmax()] == pytest.approx(0.5, rel=0.3)
 
 
 def test_coefficients_give_the_series_again() -> None:
     series = np.random.default_rng(1).standard_normal(900)
     cut = make_segments(900, ((0, 400), (500, 900)))
-    again = make_series_of(coefficients(series, cut), cut)
+    again = make_series(calc_coefficients(series, cut), cut)
     assert again[:400] == pytest.approx(series[:400]) and again[500:] == pytest.approx(series[500:])
     assert np.all(again[400:500] == 0.0)
 
@@ -59,12 +64,12 @@ def test_bands_left_out_are_in_no_coefficient_and_in_no_series() -> None:
     series, cut = np.random.default_rng(2).standard_normal(3000), make_segments(3000)
     bands = np.arange(len(cut.starts)) % 5 == 2
     less = leave_out_bands(cut, bands)
-    kept, every = coefficients(series, less), coefficients(series, cut)
+    kept, every = calc_coefficients(series, less), calc_coefficients(series, cut)
     assert len(kept) == less.members.sum() == len(every) - cut.members[bands].sum()
-    again = make_series_of(kept, less)
+    again = make_series(kept, less)
     assert again.shape == series.shape
     assert np.sum(again**2) == pytest.approx(np.sum(kept**2))
-    assert np.abs(coefficients(again, leave_out_bands(cut, ~bands))).max() < 1e-9
+    assert np.abs(calc_coefficients(again, leave_out_bands(cut, ~bands))).max() < 1e-9
     assert np.add.reduceat(kept**2, less.starts) == pytest.approx(
         np.add.reduceat(every**2, cut.starts)[~bands]
     )
@@ -99,11 +104,11 @@ def test_the_mean_error_of_rounding_is_what_many_rounded_readings_show() -> None
     for speed, noise in ((70.0, 0.3), (69.0, 0.8), (31.2, 0.1)):
         true = np.full(200_000, speed)
         read = np.round((true + rng.normal(0.0, noise, true.size)) / 2.47) * 2.47
-        said = rounding_error(true[:1], 2.47, noise)[0]
+        said = calc_rounding_error(true[:1], 2.47, noise)[0]
         assert said == pytest.approx(read.mean() - speed, abs=0.02)
     swept = 50.0 + 20.0 * np.sin(np.linspace(0.0, 60.0, 40_000))
     read = np.round((swept + rng.normal(0.0, 0.45, swept.size)) / 2.47) * 2.47
-    assert noise_before_rounding(read, swept, 2.47, 0.3) == pytest.approx(0.45, rel=0.15)
+    assert fit_dither_noise(read, swept, 2.47, 0.3) == pytest.approx(0.45, rel=0.15)
 
 
 def test_heavy_tails_are_drawn_in_and_a_steady_shift_stays() -> None:
@@ -137,9 +142,9 @@ def test_an_encoder_that_begins_to_read_in_steps_is_told_from_when_on() -> None:
     readings = np.where(
         np.arange(4000) < 2600, np.round(speed_rpm, 3), np.round(np.round(speed_rpm / 3.7) * 3.7, 3)
     )
-    steps = steps_to_the_end(readings)
+    steps = find_final_steps(readings)
     assert steps is not None and abs(steps.step_rpm - 3.7) < 1e-3 and abs(steps.first - 2600) <= 5
-    assert steps_to_the_end(np.round(speed_rpm, 3)) is None
+    assert find_final_steps(np.round(speed_rpm, 3)) is None
 
 
 # --- The noise's fit: its own small solver against LAPACK's
@@ -180,14 +185,15 @@ class Series(NamedTuple):
 
 @pytest.mark.parametrize("step_s", [0.1, 0.2])
 def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: float) -> None:
-    length, gap = 4800, round(GAP_S / step_s)
+    length, gap = 4800, round(BLOCK_MARGIN_S / step_s)
     blocks = hold_out_blocks(Series(np.zeros(length), Steps(step_s)))  # type: ignore[arg-type]
     assert [(piece.start, piece.stop) for piece in blocks.pieces] == [
-        (length * k // BLOCKS + gap, length * (k + 1) // BLOCKS - gap) for k in HELD_OUT
+        (length * k // BLOCK_COUNT + gap, length * (k + 1) // BLOCK_COUNT - gap)
+        for k in HELD_OUT_BLOCKS
     ]
 
 
-@pytest.mark.parametrize("seconds", [8.0, 80.0, 8.0 * 2.0 * GAP_S])
+@pytest.mark.parametrize("seconds", [8.0, 80.0, 8.0 * 2.0 * BLOCK_MARGIN_S])
 def test_a_log_shorter_than_the_gaps_holds_nothing_out(seconds: float) -> None:
     blocks = hold_out_blocks(Series(np.zeros(round(10.0 * seconds)), Steps(0.1)))  # type: ignore[arg-type]
     assert blocks.pieces == ()

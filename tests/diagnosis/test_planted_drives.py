@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from topdress.console.reports.diagnosis_text import summarise_terminal
 from topdress.console.reports.diagnosis_wording import format_verdict_line
 from topdress.control.diagnosis import diagnose_run, extend
-from topdress.control.diagnosis.judgement.checks import by_chance_together
+from topdress.control.diagnosis.judgement.checks import calc_correlation_p
 from topdress.control.diagnosis.runs.quantised import find_reading_step
 from topdress.control.machine.machine import Machine, Noise, Tolerance
 from topdress.control.recordings.values import blank_outliers
@@ -518,16 +518,16 @@ def test_by_chance_as_often_as_it_says() -> None:
                 np.convolve(rng.standard_normal(700), memory ** np.arange(60))[60:660]
                 for _ in range(2)
             )
-            refused += by_chance_together(one, other) < 0.01
+            refused += calc_correlation_p(one, other) < 0.01
     # of 1200: 12 +- 3.4, and the pairs left are an estimate
     assert 2 <= refused <= 30
     line = np.linspace(0.0, 1.0, 600)
     assert (
-        by_chance_together(line + 0.3 * rng.standard_normal(600), rng.standard_normal(600)) > 0.01
+        calc_correlation_p(line + 0.3 * rng.standard_normal(600), rng.standard_normal(600)) > 0.01
     )
     # held, and read to a tenth
     turns = 1.0006 * np.repeat(np.round(rng.uniform(30.0, 70.0, 300), 1), 100)
     read = np.round(turns + 0.24 * rng.standard_normal(len(turns)), 1)
-    assert by_chance_together(read - turns, turns) > 0.01
+    assert calc_correlation_p(read - turns, turns) > 0.01
     white = rng.standard_normal(600)
-    assert by_chance_together(white, np.exp(white) + rng.standard_normal(600)) < 1e-6
+    assert calc_correlation_p(white, np.exp(white) + rng.standard_normal(600)) < 1e-6

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from topdress.control.diagnosis.extend import extend
-from topdress.control.diagnosis.judgement.evidence import Role
+from topdress.control.diagnosis.judgement.evidence import ColumnRole
 from topdress.control.diagnosis.judgement.noise import (
-    calc_coefficient_strengths,
-    coefficients,
-    make_series_of,
+    calc_coefficient_variances,
+    calc_coefficients,
+    make_series,
 )
 from topdress.control.diagnosis.result import UNKNOWN
 from topdress.control.diagnosis.runs import intermittent, onset
-from topdress.control.diagnosis.runs.changepoint import END_S, find_best_onsets
+from topdress.control.diagnosis.runs.changepoint import EDGE_MARGIN_S, find_best_onsets
 from topdress.control.diagnosis.runs.channels import make_channels, make_hopper_channel
-from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, prepare_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import clean_run_log
-from topdress.control.diagnosis.runs.model import GROUPS, apply_course, calc_part_course
+from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, apply_course, calc_part_course
 from topdress.control.diagnosis.runs.nominal_values import settle_nominal_values
 from topdress.control.diagnosis.runs.search import Search
 from topdress.control.diagnosis.runs.stages import make_run_data
-from topdress.control.diagnosis.runs.whitened import find_even_gain
+from topdress.control.diagnosis.runs.whitened import calc_block_gain
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -53,10 +53,14 @@ approx, exam = pytest.approx, pytest.mark.exam
 
 def search_of(log: Columns, channel: str, machine: Machine = HUANGHAI) -> Search:
     """The group of channels that one belongs to, as far as the log has them."""
-    _, data, _ = series_of_log(log, machine)
+    _, data, _ = prepare_log(log, machine)
     seen = make_channels(data, machine)
     return Search(
-        [seen[name] for name in next(g for g in GROUPS.values() if channel in g) if name in seen],
+        [
+            seen[name]
+            for name in next(g for g in CHANNEL_GROUPS.values() if channel in g)
+            if name in seen
+        ],
         machine,
         data,
     )
@@ -350,7 +354,7 @@ def test_a_few_dips_are_not_certain_to_be_missing_pulses() -> None:
     (cause,) = diagnose_run(log, Machine()).causes
     assert cause.id == "speed.missed_pulses" and 0.9 < cause.probability < 0.995
     log["wheel_speed_mps"][np.arange(600, 12_000, 2000)] += 0.8  # half of them above
-    assert not series_of_log(log, Machine())[2]
+    assert not prepare_log(log, Machine())[2]
 
 
 # --- Both drives and a scale
@@ -577,7 +581,11 @@ def test_nothing_is_told_to_begin_at_either_end_of_a_log() -> None:
         HUANGHAI,
     )
     begun = [cause.onset_s for cause in found.causes if cause.onset_s is not None]
-    assert begun and np.min(begun) >= END_S and np.max(begun) <= WORK["time_s"][-1] - END_S
+    assert (
+        begun
+        and np.min(begun) >= EDGE_MARGIN_S
+        and np.max(begun) <= WORK["time_s"][-1] - EDGE_MARGIN_S
+    )
 
 
 @exam
@@ -620,13 +628,13 @@ def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(
     """What a part that begins late may be wrong by cannot stand for what was there all along."""
     columns = search_of(WORK, channel).columns
     late = part._replace(onset_s=300.0, grows=grows)
-    freedom = [c for c in columns.of_hypothesis((late,)) if c.label.role is Role.FORM]
-    one = columns.model.channel(channel)
+    freedom = [c for c in columns.list_columns((late,)) if c.label.role is ColumnRole.FORM]
+    one = columns.model.find_channel(channel)
     before = one.grid.even_s < 299.0
-    shapes = [make_series_of(c.coefficients[channel], one.cut) for c in freedom]
+    shapes = [make_series(c.coefficients[channel], one.cut) for c in freedom]
     assert shapes and all(np.abs(s[before]).max() < 1e-3 * np.abs(s).max() for s in shapes)
-    (own,) = columns.slopes((late,))
-    does = np.abs(make_series_of(own.coefficients[channel], one.cut))
+    (own,) = columns.list_slopes((late,))
+    does = np.abs(make_series(own.coefficients[channel], one.cut))
     # the drive follows: a leap would tell one reading
     not_yet = (one.grid.even_s < 301.0) & (does < 1e-3 * does.max())
     assert all(np.abs(s[not_yet]).max() < 1e-2 * np.abs(s).max() for s in shapes)
@@ -639,10 +647,10 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
     """One box of one candidate, by hand: its trace whitened, what the hypothesis can take up
     projected off."""
     search = search_of(WORK, channel)
-    model, columns, noise = search.model, search.columns, search.refit(()).noise
+    model, columns, noise = search.model, search.columns, search.refit_hypothesis(()).noise
     candidate = next(c for c in search.candidates if c.part.id == id_)
-    banded, base = model.banded_residual(()), columns.of_hypothesis(())
-    trace = model.difference((), candidate.part)
+    banded, base = model.calc_banded_residual(()), columns.list_columns(())
+    trace = model.calc_difference((), candidate.part)
     found = find_best_onsets(
         model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, temporary=True
     )
@@ -652,7 +660,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
     rows, left, basis = [], [], []
     for one in model.channels:
         scale = 1.0 / np.sqrt(
-            calc_coefficient_strengths(noise[one.name], one.prior, one.cut, one.grid.step_s)
+            calc_coefficient_variances(noise[one.name], one.prior, one.cut, one.grid.step_s)
         )
         there = calc_part_course(one, box.part)
         summed = one.name == "scale"
@@ -661,7 +669,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
             if one.name in trace
             else np.zeros(len(one.measured))
         )
-        rows.append(coefficients(boxed, one.cut) * scale)
+        rows.append(calc_coefficients(boxed, one.cut) * scale)
         left.append(banded[one.name] * scale)
         basis.append(
             np.array([c.coefficients.get(one.name, np.zeros(len(scale))) * scale for c in base]).T
@@ -687,8 +695,8 @@ def test_a_box_in_a_gap_of_the_log_has_no_evidence() -> None:
     part = next(c.part for c in search.candidates if c.part.id == "shaft.gain")._replace(
         onset_s=203.0, until_s=225.0
     )
-    trace, noise = search.columns.trace((part,), 0), search.refit(()).noise
-    assert find_even_gain(search, (), noise, trace) == 0.0
+    trace, noise = search.columns.make_effect_column((part,), 0), search.refit_hypothesis(()).noise
+    assert calc_block_gain(search, (), noise, trace) == 0.0
 
 
 def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> None:
@@ -728,7 +736,7 @@ def test_steps_of_the_scale_where_rows_are_missing_are_no_bridges(in_gaps: bool)
     level = intermittent._ScaleLevel(
         280.0 - 0.15 * seconds, left, np.ones(len(seconds)), nowhere, at if in_gaps else nowhere
     )
-    assert (intermittent._short_bridges(hopper, level) is None) is in_gaps
+    assert (intermittent._find_short_bridges(hopper, level) is None) is in_gaps
 
 
 @pytest.mark.parametrize("key", ["shaft.dead_time_s", "shaft.time_constant_s"])
@@ -738,10 +746,10 @@ def test_a_tolerance_of_the_shaft_may_differ_by_speed_and_by_way(key: str) -> No
     search = search_of(
         {name: WORK[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")}, "shaft"
     )
-    rpm, cut = search.model.predicted(())["shaft"], search.model.channel("shaft").cut
+    rpm, cut = search.model.predict(())["shaft"], search.model.find_channel("shaft").cut
     tolerance, by_speed, by_way = (
-        make_series_of(one.coefficients["shaft"], cut)
-        for one in search.columns.fixed(())
+        make_series(one.coefficients["shaft"], cut)
+        for one in search.columns.list_fixed_columns(())
         if one.label.name == key
     )
     moves = np.abs(tolerance) > 0.05 * np.abs(tolerance).max()

@@ -11,23 +11,23 @@ import numpy.typing as npt
 import pytest
 from topdress.console.reports.diagnosis_text import describe_adoption, summarise_terminal
 from topdress.console.reports.notebook import format_notebook_html
-from topdress.control.diagnosis.extend import extend, not_adoptable
+from topdress.control.diagnosis.extend import extend, find_cause_refusal
 from topdress.control.diagnosis.prediction.blocks import (
-    BLOCKS,
+    BLOCK_COUNT,
     calc_block_errors,
     calc_errors_by_channel,
     cut_into_blocks,
     is_surely_positive,
     list_added_numbers,
 )
-from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.on_log import LogPredictor
 from topdress.control.diagnosis.prediction.predictive_validation import (
     select_predictive_causes,
     validate_prediction,
 )
 from topdress.control.diagnosis.prediction.rival import find_rival
 from topdress.control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
-from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, prepare_log
 from topdress.control.machine.machine import Machine, add_effect
 
 from tests.diagnosis.logs import DRIVE, lagged, steps
@@ -36,9 +36,9 @@ from tests.diagnosis.planted import error_on, shaft_predicted
 Array = npt.NDArray[np.float64]
 
 
-def seen(columns: dict[str, Any], machine: Machine) -> OnLog:
-    log, data, _ = series_of_log({name: np.asarray(one) for name, one in columns.items()}, machine)
-    return OnLog(log, data, machine)
+def seen(columns: dict[str, Any], machine: Machine) -> LogPredictor:
+    log, data, _ = prepare_log({name: np.asarray(one) for name, one in columns.items()}, machine)
+    return LogPredictor(log, data, machine)
 
 
 def braked(seed: int, rpm_of_load: float = -0.09) -> dict[str, Any]:
@@ -101,13 +101,13 @@ def wrong_name(found: Diagnosis) -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def sound() -> tuple[Diagnosis, OnLog]:
+def sound() -> tuple[Diagnosis, LogPredictor]:
     columns = made(DRIVE, 4)
     return diagnose_run(columns, DRIVE), seen(columns, DRIVE)
 
 
 def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_written(
-    sound: tuple[Diagnosis, OnLog],
+    sound: tuple[Diagnosis, LogPredictor],
 ) -> None:
     found, on_log = wrong_name(sound[0]), sound[1]
     taken = select_predictive_causes(on_log, found, ["shaft.gain"], ())
@@ -116,7 +116,7 @@ def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_writt
     assert (
         after.verdict != "named"
         and after.causes[0].probability < 0.9
-        and not_adoptable(after.causes[0])
+        and find_cause_refusal(after.causes[0])
     )
     assert extend(DRIVE, after) == DRIVE
 
@@ -149,7 +149,7 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
         moved = add_effect(DRIVE, "shaft.gain", 30.0 + without - best)
         piece = calc_errors_by_channel(on_log, moved, ("shaft",))["shaft"][block]
         assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece**2)), rel=1e-6)
-    assert len(judged.blocks["shaft"]) == BLOCKS
+    assert len(judged.blocks["shaft"]) == BLOCK_COUNT
 
 
 def test_the_rival_predicts_as_plain_least_squares_does() -> None:
@@ -192,7 +192,9 @@ def test_one_block_that_has_anything_to_say_counts_whatever_its_last_bit(gain: f
     """A shaft that starts once: its mean is one standard error exactly, and two kernels
     answered apart."""
     for moved in (-1e-14, 0.0, 1e-14):
-        assert is_surely_positive(np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
+        assert is_surely_positive(
+            np.array([gain * (1.0 + moved), *np.full(BLOCK_COUNT - 1, moved)])
+        )
         assert not is_surely_positive(
-            -np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)])
+            -np.array([gain * (1.0 + moved), *np.full(BLOCK_COUNT - 1, moved)])
         )

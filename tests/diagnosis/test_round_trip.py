@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import (
     Cause,
@@ -21,9 +21,9 @@ from topdress.control.diagnosis.result import (
     TermFound,
 )
 from topdress.control.diagnosis.runs.channels import make_channels
-from topdress.control.diagnosis.runs.diagnose import series_of_log
+from topdress.control.diagnosis.runs.diagnose import prepare_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
-from topdress.control.diagnosis.runs.model import GROUPS, GroupModel
+from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, GroupModel
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import ANGLES, FORMS, ScaledVariable, TriedForm, scale_variable
@@ -97,7 +97,7 @@ ADOPTED = [name for name, entry in CATALOGUE.items() if not entry.effect.onset_o
 @pytest.fixture(scope="module")
 def seen() -> Any:
     columns = {name: np.asarray(series) for name, series in log().items()}
-    clean, data, _ = series_of_log(columns, BOTH_WAYS)
+    clean, data, _ = prepare_log(columns, BOTH_WAYS)
     return clean, data
 
 
@@ -125,9 +125,14 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
         file = written(BOTH_WAYS, diagnosis(causes=(cause,)), tmp_path)
         again = make_channels(make_run_data(clean, file), file)
         names = next(
-            (names for names in GROUPS.values() if set(ROWS[name].channels) & set(names)), ()
+            (
+                names
+                for names in CHANNEL_GROUPS.values()
+                if set(EFFECT_ROWS[name].channels) & set(names)
+            ),
+            (),
         )
-        fit = GroupModel([every[one] for one in names if one in every], BOTH_WAYS, data).run(
+        fit = GroupModel([every[one] for one in names if one in every], BOTH_WAYS, data).run_model(
             (part,)
         )
         for channel, predicted in fit.items():

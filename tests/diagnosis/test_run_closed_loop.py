@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.console.cli import app
-from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
+from topdress.control.diagnosis.runs.closed_loop import measure_loop_gain
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
 from topdress.control.machine.fault_injection import PlantedEffect
@@ -78,7 +78,7 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     for effect in effects:
         known = add_effect(known, effect.id, effect.size)
     job = setup.job.model_copy(update={"strategy": Strategy.SPEED_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(
+    gain = measure_loop_gain(
         setup.machine, known, effects, setup.crop, setup.rule, job, seconds=240.0, seed=1
     )
     before, after = gain.before, gain.after
@@ -110,7 +110,7 @@ def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: S
     shifted = (PlantedEffect("gate.offset", 1.5),)
     known = add_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(
+    gain = measure_loop_gain(
         setup.machine, known, shifted, setup.crop, setup.rule, job, seconds=200.0, seed=1
     )
     before, after = gain.before, gain.after

@@ -19,9 +19,9 @@ from topdress.control.diagnosis.runs import report
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.model import list_nuisances
-from topdress.control.diagnosis.runs.residual_analysis import Remains
+from topdress.control.diagnosis.runs.residual_analysis import ResidualStructure
 from topdress.control.diagnosis.runs.search import Search
-from topdress.control.diagnosis.runs.selection import InPlace, RivalOf
+from topdress.control.diagnosis.runs.selection import Alternatives, RivalEffect
 from topdress.control.diagnosis.runs.smooth import MIN_RANGE
 from topdress.control.machine.machine import CATALOGUE, Machine
 from topdress.drivers.files.config import load_config
@@ -77,15 +77,17 @@ def test_the_package_says_that_it_has_types() -> None:
 
 @pytest.mark.parametrize("worth", [-1e6, -0.4, 0.0, 3.0, 1e6])
 def test_what_may_stand_in_a_part_s_place_has_all_of_the_probability(worth: float) -> None:
-    place = InPlace(worth, (RivalOf(EffectInstance("shaft.slow", 0.1), 1.0),), unknown=-2.0)
-    one = place.posterior()
+    place = Alternatives(
+        worth, (RivalEffect(EffectInstance("shaft.slow", 0.1), 1.0),), unknown=-2.0
+    )
+    one = place.calc_probabilities()
     assert one.part + sum(one.rivals) + one.unknown == pytest.approx(
         1.0 / (1.0 + exp(-worth) / (1.0 + exp(-1.0) + exp(-2.0))) if worth > -700.0 else 0.0
     )
     assert one.rivals[0] == pytest.approx(one.part * exp(-1.0)) and one.unknown == pytest.approx(
         one.part * exp(-2.0)
     )
-    assert place.posterior(0.6)[:2] == (
+    assert place.calc_probabilities(0.6)[:2] == (
         pytest.approx(0.4 * one.part),
         (pytest.approx(0.4 * one.rivals[0]),),
     )
@@ -101,7 +103,7 @@ def too_fast() -> Columns:
 @pytest.mark.exam
 def test_no_model_is_held_twice_against_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
     scans: list[tuple[object, ...]] = []
-    scan = Search.scan
+    scan = Search.scan_candidates
     monkeypatch.setattr(
         Search,
         "scan",
@@ -163,12 +165,12 @@ def test_every_effect_has_one_row_and_every_row_an_effect() -> None:
 
 def test_what_rows_refer_to_is_there() -> None:
     machine = Machine()
-    for row in effects.ROWS.values():
+    for row in effects.EFFECT_ROWS.values():
         assert set(row.siblings) <= set(CATALOGUE)
         assert {row.form_over} - {""} <= set(MIN_RANGE)
         assert not row.moves or row.moves in {n.field for n in list_nuisances(row.stage, machine)}
         for sibling in row.siblings:
-            assert effects.ROWS[sibling].trial_sizes, (
+            assert effects.EFFECT_ROWS[sibling].trial_sizes, (
                 f"{row.id}: {sibling} has no trial sizes to take its slope on"
             )
 
@@ -179,13 +181,13 @@ def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_liste
 ) -> None:
     """It was listed with probability 0, at the bound of its size and with a larger error than
     before; it is named where nothing unknown stands (the test before)."""
-    left = Remains("shaft", "loud")
+    left = ResidualStructure("shaft", "loud")
     monkeypatch.setattr(
         report,
-        "find_remains",
+        "find_residual_structure",
         lambda one, _: [left] if one.search.model.names[0] == "shaft" else [],
     )
-    monkeypatch.setattr(report, "unknown_share", lambda one, k, rest: 1.0)
+    monkeypatch.setattr(report, "calc_unknown_prob", lambda one, k, rest: 1.0)
     found = diagnose_run(too_fast(), HUANGHAI)
     assert (
         found.verdict == "unexplained"

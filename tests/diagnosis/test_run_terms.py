@@ -14,7 +14,7 @@ import pytest
 from topdress.console.reports.diagnosis_text import summarise_terminal
 from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis import diagnose_run, extend
-from topdress.control.diagnosis.extend import adoptable_terms, term_not_adoptable
+from topdress.control.diagnosis.extend import find_term_refusal, list_adoptable_terms
 from topdress.control.diagnosis.result import Diagnosis, TermFound
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.machine import Machine
@@ -172,8 +172,8 @@ def test_where_the_shaft_stands_is_not_adopted() -> None:
             "coefficients": {"cycles": 1.0, "sine": 0.4, "cosine": 0.0},
         },
     )
-    assert not term_not_adoptable(term) and "not known" in term_not_adoptable(turned)
-    assert adoptable_terms(replace(found, terms=(turned,))) == ()
+    assert not find_term_refusal(term) and "not known" in find_term_refusal(turned)
+    assert list_adoptable_terms(replace(found, terms=(turned,))) == ()
 
 
 def test_a_box_in_time_is_not_adopted() -> None:
@@ -185,8 +185,8 @@ def test_a_box_in_time_is_not_adopted() -> None:
         found,
         terms=(TermFound(term.model_dump(mode="json"), "shaft", "r/min", 0.5, 0.1, 200.0, None),),
     )
-    assert term_not_adoptable(box.terms[0]).startswith("it holds for a span")
-    assert adoptable_terms(box) == ()
+    assert find_term_refusal(box.terms[0]).startswith("it holds for a span")
+    assert list_adoptable_terms(box) == ()
     assert extend(Machine(), box) == Machine()
 
 

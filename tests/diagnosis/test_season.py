@@ -3,8 +3,8 @@ through, nothing is made up."""
 
 import numpy as np
 import pytest
-from topdress.control.diagnosis.season.effect_timelines import Cause, fit_season
-from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm, stack_logs
+from topdress.control.diagnosis.season.effect_timelines import SeasonCause, fit_season
+from topdress.control.diagnosis.season.evidence import QuadraticForm, SeasonLog, stack_logs
 from topdress.control.diagnosis.season.mixed import find_season_causes as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")
@@ -21,10 +21,10 @@ def log(
     machine: str = "m",
     gram: np.ndarray = GRAM,
     **shared: str,
-) -> OneLog:
+) -> SeasonLog:
     """A log whose sizes have errors of about `sd`."""
     sizes = np.array([truth.get(name, 0.0) for name in NAMES])
-    return OneLog(
+    return SeasonLog(
         f"{machine}{number}",
         machine,
         float(number),
@@ -41,12 +41,12 @@ def form(
     return QuadraticForm(names, tuple(map(tuple, normal)), tuple(right))
 
 
-def courses(logs: list[OneLog]) -> tuple[list[Cause], list[Cause]]:
+def courses(logs: list[SeasonLog]) -> tuple[list[SeasonCause], list[SeasonCause]]:
     fit = fit_season(logs)
     return list(fit.courses), list(fit.shared)
 
 
-def selected(logs: list[OneLog]) -> list[tuple[str, float]]:
+def selected(logs: list[SeasonLog]) -> list[tuple[str, float]]:
     every = stack_logs(logs)
     return [(every.names[one.effect], one.log_odds) for one in causes_found(every).causes]
 
@@ -174,7 +174,7 @@ def test_an_operator_is_not_blamed_for_the_product_that_he_spreads_more_of() -> 
 def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> None:
     """What the gate's form may leave to the flow is no more than the product shows in that
     machine's logs."""
-    rng, gram, logs = np.random.default_rng(14), np.diag([9.0, 1.0, 1.0, 1e6]), list[OneLog]()
+    rng, gram, logs = np.random.default_rng(14), np.diag([9.0, 1.0, 1.0, 1e6]), list[SeasonLog]()
     gram[0, 3] = gram[3, 0] = 1.0
     for machine in "abcd":
         for k in range(24):
@@ -199,7 +199,7 @@ def test_what_the_forms_of_many_machines_may_leave_is_no_more_than_a_product_sho
     """Half of them have a gate that stands surely wrong. Sizes scatter far more than a log
     errs: what each gate may leave, by the information without that scatter, is all that the
     product shows."""
-    rng, logs = np.random.default_rng(15), list[OneLog]()
+    rng, logs = np.random.default_rng(15), list[SeasonLog]()
     gram = np.diag([100.0, 1.0, 1.0, 1e6])
     gram[0, 3] = gram[3, 0] = 1.0
     for machine in range(60):
@@ -273,10 +273,10 @@ def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
         ("b", "flow.fill_falloff"),
         ("c", "flow.gain"),
     }
-    assert next(one for one in found if one.level == "b").alike == ("flow.gain",)
+    assert next(one for one in found if one.level == "b").other_effects == ("flow.gain",)
 
 
-def season_with_operators(rng: np.random.Generator, share: float = 0.6) -> list[OneLog]:
+def season_with_operators(rng: np.random.Generator, share: float = 0.6) -> list[SeasonLog]:
     """Wang, who drives most of five machines, loses 5 %; nobody else does anything."""
     return [
         log(rng, k, {"flow.gain": -5.0 * (name == "Wang")}, sd=0.5, machine=machine, operator=name)
@@ -367,21 +367,21 @@ def test_look_alikes_are_a_set_and_stay_one_with_more_logs() -> None:
 
 def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     """Wang loses 2 %, machine e's scale reads 5 % more; the logs hardly tell one from the other."""
-    rng, names, logs = np.random.default_rng(25), ("flow.gain", "scale.gain"), list[OneLog]()
+    rng, names, logs = np.random.default_rng(25), ("flow.gain", "scale.gain"), list[SeasonLog]()
     normal = 40.0 * np.array([[1.0, 0.99999], [0.99999, 1.0]])
     for one in season_with_operators(rng):
         truly = np.array([-2.0 * (one.shared["operator"] == "Wang"), 5.0 * (one.machine == "e")])
         logs.append(one._replace(forms=(form(rng, names, normal, truly),)))
     fit = fit_season(logs)
     (wang,) = fit.shared
-    assert (wang.factor, wang.level, wang.effect, wang.alike) == (
+    assert (wang.factor, wang.level, wang.effect, wang.other_effects) == (
         "operator",
         "Wang",
         "flow.gain",
         (),
     )
     (course,) = fit.courses
-    assert course.level == "e" and {course.effect, *course.alike} == set(names)
+    assert course.level == "e" and {course.effect, *course.other_effects} == set(names)
     assert {one.factor for one in fit.levels if one.effect == "scale.gain"} <= {"machine", "fleet"}
 
 
@@ -391,7 +391,7 @@ def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> 
     rng, names = np.random.default_rng(26), ("flow.gain", "scale.gain")
     normal = 4.0 * np.array([[1.0, 0.997], [0.997, 1.0]])
     logs = [
-        OneLog(
+        SeasonLog(
             f"{machine}{k}",
             machine,
             float(k),
@@ -412,7 +412,7 @@ def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> 
 
 def within_tolerance(
     rng: np.random.Generator, logs: int, off: float, remembered: bool = True
-) -> list[OneLog]:
+) -> list[SeasonLog]:
     """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log
     alone cannot tell."""
     found = []
@@ -427,7 +427,7 @@ def within_tolerance(
             of_log = of_log._replace(
                 open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls)
             )
-        found.append(OneLog(str(number), "m", float(number), (of_log,)))
+        found.append(SeasonLog(str(number), "m", float(number), (of_log,)))
     return found
 
 
@@ -456,5 +456,5 @@ def _shifted(one: QuadraticForm) -> QuadraticForm:
 
 def test_logs_that_tell_nothing_are_no_trouble() -> None:
     nothing = QuadraticForm(NAMES, tuple(map(tuple, np.zeros((4, 4)))), (0.0,) * 4)
-    assert courses([OneLog("a", "m", 0.0, ()), OneLog("b", "m", 1.0, (nothing,))]) == ([], [])
+    assert courses([SeasonLog("a", "m", 0.0, ()), SeasonLog("b", "m", 1.0, (nothing,))]) == ([], [])
     assert courses([]) == ([], [])

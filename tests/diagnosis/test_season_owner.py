@@ -7,10 +7,10 @@ import math
 
 import pytest
 from topdress.control.diagnosis.season.effect_timelines import (
-    REPAIR_SHARE,
-    WEAR_P,
-    Cause,
+    MAX_WEAR_P,
+    MIN_REPAIR_SHARE,
     CoursePiece,
+    SeasonCause,
     SeasonFit,
     _calc_repair_probability,
     is_wearing,
@@ -18,7 +18,7 @@ from topdress.control.diagnosis.season.effect_timelines import (
 from topdress.control.diagnosis.season.evidence import LogWork
 from topdress.control.diagnosis.season.mixed import Alternative
 from topdress.control.diagnosis.season.season_cost import (
-    OwnersLog,
+    LogCostInput,
     find_low_hoppers,
     find_size_at,
     is_still_there,
@@ -40,14 +40,14 @@ def piece(
     )
 
 
-def course(*pieces: CoursePiece) -> Cause:
-    return Cause("machine", "m01", "flow.gain", 0.0, 0.1, 1.0, 1, pieces=pieces)
+def course(*pieces: CoursePiece) -> SeasonCause:
+    return SeasonCause("machine", "m01", "flow.gain", 0.0, 0.1, 1.0, 1, pieces=pieces)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: float) -> None:
     exact = 1e-6
-    left = (1.0 - REPAIR_SHARE) * 10.0
+    left = (1.0 - MIN_REPAIR_SHARE) * 10.0
     assert _calc_repair_probability(
         sign * 10.0, exact, sign * (left - 0.1), exact
     ) == pytest.approx(1.0)
@@ -62,8 +62,8 @@ def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: floa
     )
 
 
-def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> OwnersLog:
-    return OwnersLog("a", "m01", 0.0, LogWork(1.0, kg, 1.0, 0.0, 0), percent, shared)
+def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> LogCostInput:
+    return LogCostInput("a", "m01", 0.0, LogWork(1.0, kg, 1.0, 0.0, 0), percent, shared)
 
 
 def alternative(effect: str, size: float, probability: float, machine: str = "m01") -> Alternative:
@@ -113,7 +113,7 @@ def test_the_sums_of_a_machine_are_the_same_in_any_order_of_arrival() -> None:
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
-    by_li = Cause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
+    by_li = SeasonCause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
     (one,) = rank_machines_by_cost(
         [one_log({"flow.gain": 1.0}, operator="Li")],
         SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)),
@@ -131,7 +131,7 @@ def test_what_was_repaired_is_not_there_any_more() -> None:
 
 
 def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
-    sure, unsure = 0.5 * WEAR_P, 2.0 * WEAR_P
+    sure, unsure = 0.5 * MAX_WEAR_P, 2.0 * MAX_WEAR_P
     assert is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure)))
     assert is_wearing(course(piece(0.0, 10.0, -1.0, -2.0, per_day_p=sure)))
     assert not is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=unsure)))
@@ -171,7 +171,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
     """Machines by what they spread wrongly, then by what they may have; the causes of one
     likewise."""
 
-    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Cause:
+    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> SeasonCause:
         return course(piece(0.0, 9.0, size, size))._replace(
             level=machine, effect=effect, alternatives=alternatives
         )
@@ -209,7 +209,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
 def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:
     """Two who let it run low, each twice as long as the others together; nobody else is named."""
     logs = [
-        OwnersLog(
+        LogCostInput(
             f"{who}{k}",
             "m01",
             k,

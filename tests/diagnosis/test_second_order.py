@@ -175,7 +175,7 @@ def test_a_dead_time_of_a_while_leaves_tolerances_where_they_are() -> None:
         lags = [
             next(
                 c.coefficients["shaft"]
-                for c in columns.fixed(parts)
+                for c in columns.list_fixed_columns(parts)
                 if c.label.name.endswith("constant_s")
             )
             for parts in ((), (later,))

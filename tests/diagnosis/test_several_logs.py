@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.cli import app
-from topdress.control.diagnosis.runs.several import Several, diagnose_runs, join_logs
+from topdress.control.diagnosis.runs.several import JointDiagnosis, diagnose_runs, join_logs
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
@@ -30,7 +30,7 @@ def wheel_log(seed: int, wheel: float, gnss_late_s: float = 0.0, seconds: float 
 
 
 @cache
-def pair(*wheels: float) -> Several:
+def pair(*wheels: float) -> JointDiagnosis:
     """Two logs, each with its own share that the wheel reads more."""
     return diagnose_runs(
         [wheel_log(k + 1, wheel) for k, wheel in enumerate(wheels)], Machine(), paths=("a", "b")

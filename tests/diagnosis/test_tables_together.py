@@ -9,7 +9,7 @@ from topdress.console.reports.table_views import make_table_views
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.tables.cross_calibration import compare_lag_series, describe_pair
-from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
+from topdress.control.diagnosis.tables.duplicate_rows import remove_duplicates
 
 from tests.diagnosis.planted import check
 from tests.diagnosis.tables import MACHINE, diagnosed, paper
@@ -227,7 +227,7 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
         "gain.csv",
         np.full(6, "before"),
     )
-    once = without_duplicates([times, before], MACHINE)
+    once = remove_duplicates([times, before], MACHINE)
     assert [(table.path, table.kind, table.rows) for table in once.tables] == [
         ("times.csv", "lag", 7),
         ("times.csv", "lag", 7),
@@ -245,10 +245,10 @@ def test_times_of_their_own_are_not_taken_for_worked_out() -> None:
     own = BenchTable(
         "lag", {"shaft_rpm": THREE, "lag_s": np.round(1.24 * LAG_S + noise(5), 3)}, path="own.csv"
     )
-    assert without_duplicates([driven, own], MACHINE).retellings == ()
+    assert remove_duplicates([driven, own], MACHINE).retellings == ()
     # a tenth of a second agrees by chance
     driven, coarse = distances_and_times_worked_out_of_them(1.2, digits=1)
-    assert without_duplicates([driven, coarse], MACHINE).retellings == ()
+    assert remove_duplicates([driven, coarse], MACHINE).retellings == ()
 
 
 def test_one_speed_in_times_and_in_misses_is_one_cause() -> None:

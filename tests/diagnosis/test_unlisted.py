@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from topdress.console.reports.diagnosis_wording import is_undecided
 from topdress.control.diagnosis.extend import extend
-from topdress.control.diagnosis.judgement.prior import NAMED
+from topdress.control.diagnosis.judgement.prior import MIN_NAMED_PROB
 from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
@@ -61,7 +61,7 @@ def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
     wrong = [
         one.id
         for one in found.causes
-        if one.probability >= NAMED and not one.rivals and one.id not in fair
+        if one.probability >= MIN_NAMED_PROB and not one.rivals and one.id not in fair
     ]
     taken = select_adoptable(found, [one.id for one in found.causes if not is_undecided(one)]).found
     names = [*(one.id for one in taken.causes), *(one.term["id"] for one in taken.terms)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import (
     Cause,
@@ -390,7 +390,7 @@ def test_sizes_on_the_nominal_machine_are_as_published(effect_id: str) -> None:
     for machine in (of("huanghai"), Machine(), NOMINAL_MACHINE):
         assert find_size_bounds(effect_id, machine) == (low, high)
         assert describe_unit(effect_id, machine) == CATALOGUE[effect_id].effect.unit == unit
-        assert ROWS[effect_id].on(machine) == ROWS[effect_id]
+        assert EFFECT_ROWS[effect_id].scale_to_machine(machine) == EFFECT_ROWS[effect_id]
 
 
 def test_the_table_has_every_effect() -> None:
@@ -420,7 +420,10 @@ def test_bounds_are_shares_of_the_machines_own_ranges(
 @pytest.mark.parametrize("effect_id", sorted(CATALOGUE))
 def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
     machine = of(name)
-    row, (low, high) = ROWS[effect_id].on(machine), find_size_bounds(effect_id, machine)
+    row, (low, high) = (
+        EFFECT_ROWS[effect_id].scale_to_machine(machine),
+        find_size_bounds(effect_id, machine),
+    )
     tried = [*row.trial_sizes, *([] if row.probe is None else [row.probe])]
     assert all(low <= size <= high for size in tried) and list(row.trial_sizes) == sorted(
         set(row.trial_sizes)
@@ -428,11 +431,13 @@ def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
 
 
 def test_thresholds_are_tried_down_to_the_slowest_command() -> None:
-    sizes = ROWS["shaft.dead_band"].on(of("drive_alone")).trial_sizes
+    sizes = EFFECT_ROWS["shaft.dead_band"].scale_to_machine(of("drive_alone")).trial_sizes
     assert 6.5 < sizes[0] < 8.2 and sizes[-1] == pytest.approx(260.0)
     assert all(b / a < 1.31 for a, b in pairwise(sizes))
     # it turns from 200 on
-    assert ROWS["shaft.dead_band"].on(of("spreader")).trial_sizes[0] == pytest.approx(110.0)
+    assert EFFECT_ROWS["shaft.dead_band"].scale_to_machine(of("spreader")).trial_sizes[
+        0
+    ] == pytest.approx(110.0)
 
 
 def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:

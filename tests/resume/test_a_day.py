@@ -14,7 +14,12 @@ from topdress.console.app.history import MAX_TREND_POINTS, LiveHistory
 from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_ground import MAX_TRACK_PLACES, DoneGround
 from topdress.console.worker.resume_keeper import SnapshotKeeper
-from topdress.control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
+from topdress.control.diagnosis.live.watch import (
+    DIAGNOSIS_INTERVAL_S,
+    MAX_STORED_ROWS,
+    MAX_STRETCH_S,
+    LiveCheck,
+)
 from topdress.control.field.coverage import Coverage
 from topdress.control.log_row import LogRow
 from topdress.control.machine.machine import Machine
@@ -42,19 +47,19 @@ def test_the_live_check_keeps_45_minutes_however_fast_they_come():
     most = 0
     for begin_s in np.arange(0.0, DAY_S, 5.0):
         time_s = begin_s + np.arange(100) * 0.05
-        check.add(
+        check.add_rows(
             {"time_s": time_s, "speed_mps": np.ones(100), "state": np.full(100, "working", object)}
         )
-        if check.due:
-            check.look()
+        if check.is_due:
+            check.check_rows()
         most = max(most, sum(len(piece["time_s"]) for piece in check._rows))
-    assert most <= (MOST_S + QUARTER_S) * 20 + 100
+    assert most <= (MAX_STRETCH_S + DIAGNOSIS_INTERVAL_S) * 20 + 100
     for _ in range(1500):
-        check.add({"time_s": np.full(100, DAY_S), "speed_mps": np.ones(100)})
-    assert sum(len(piece["time_s"]) for piece in check._rows) == check._kept <= MOST_ROWS
+        check.add_rows({"time_s": np.full(100, DAY_S), "speed_mps": np.ones(100)})
+    assert sum(len(piece["time_s"]) for piece in check._rows) == check._kept <= MAX_STORED_ROWS
     whole = np.zeros((400_000, 2))
-    check.add({"time_s": whole[:, 0] + DAY_S, "speed_mps": whole[:, 1]})
-    assert check._kept <= MOST_ROWS and all(
+    check.add_rows({"time_s": whole[:, 0] + DAY_S, "speed_mps": whole[:, 1]})
+    assert check._kept <= MAX_STORED_ROWS and all(
         column.base is None for column in check._rows[-1].values()
     ), "a copy"
 

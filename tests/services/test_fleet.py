@@ -37,7 +37,7 @@ from topdress.console.services.fleet_job import (
 from topdress.console.services.fleet_metadata import apply_list_row, match_rows
 from topdress.console.services.fleet_season import make_season
 from topdress.console.services.fleet_tables import TABLE_COLUMNS, write_tables
-from topdress.control.diagnosis.season.effect_timelines import Cause, SeasonFit
+from topdress.control.diagnosis.season.effect_timelines import SeasonCause, SeasonFit
 from topdress.control.diagnosis.season.evidence import collect_log_evidence
 from topdress.control.diagnosis.season.season_cost import rank_machines_by_cost
 from topdress.control.machine.machine import Machine
@@ -648,7 +648,7 @@ def test_page_and_tables(tmp_path: Path) -> None:
     write_tables(tmp_path, make_season([], (), NOW_D), [])
     for name, columns in TABLE_COLUMNS.items():
         assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
-    product = Cause("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
+    product = SeasonCause("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [
         one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
         for one in whole.logs

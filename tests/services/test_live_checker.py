@@ -108,7 +108,7 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Depart
             self._looked_s = self.now_s
             return found(self.now_s)
 
-        monkeypatch.setattr(watch.LiveCheck, "look", look)
+        monkeypatch.setattr(watch.LiveCheck, "check_rows", look)
 
     find(lambda now_s: None)
     return find

@@ -13,20 +13,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc, log_ndtr, stdtr
 
-from .noise import Noise, NoisePrior, Segments, calc_coefficient_strengths, find_starting_noise
+from .noise import Noise, NoisePrior, Segments, calc_coefficient_variances, find_starting_noise
 
 Array = npt.NDArray[np.float64]
 
 # Probability of a false alarm by one check of one channel: one healthy log in some hundred.
-LEVEL = 0.002
+FALSE_ALARM_PROB = 0.002
 # Standard deviation of the logarithm of a machine file's noise, estimated from some seven readings
 # (GUM, table E.1).
-FILE_SD = 0.3
+LOG_NOISE_SD = 0.3
 # Share of a series at either side that is winsorised, so that no outlier makes a correlation
 # (Wilcox 1993).
-OUTER = 0.2
+WINSORISED_SHARE = 0.2
 # Minimum number of independent pairs of two series.
-FEWEST_PAIRS = 10
+MIN_PAIRS = 10
 # Minimum number of periods within the log: a slower oscillation counts as drift.
 MIN_PERIODS = 5.0
 
@@ -48,7 +48,7 @@ def estimate_noise_ratio(noise: Noise, prior: NoisePrior, left: Array) -> float:
     A sensor may be that noisy, but so may a drive, so the user is informed.
     """
     off = find_strongest_noise(noise, prior, left)
-    return float(np.exp(off)) if _count_sd_beyond(off, FILE_SD) else 0.0
+    return float(np.exp(off)) if _count_sd_beyond(off, LOG_NOISE_SD) else 0.0
 
 
 def find_strongest_noise(noise: Noise, prior: NoisePrior, left: Array | None) -> float:
@@ -68,10 +68,10 @@ def is_drift_excessive(noise: Noise, prior: NoisePrior) -> bool:
 
 
 def _count_sd_beyond(off: float, sd: float) -> bool:
-    return bool(log_ndtr(-off / sd) < np.log(LEVEL))
+    return bool(log_ndtr(-off / sd) < np.log(FALSE_ALARM_PROB))
 
 
-def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
+def calc_correlation_p(one: Array, other: Array, level: float = 1.0) -> float:
     """Return the probability that two unrelated series (n,) are correlated as strongly as these.
 
     The statistic is the correlation of the one series, winsorised at its outer fifths (Wilcox,
@@ -82,21 +82,21 @@ def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
     pairs are counted as independent, which gives a lower bound of the probability.
     """
     count = float(len(one))
-    if count < FEWEST_PAIRS:
+    if count < MIN_PAIRS:
         return 1.0
-    held = np.clip(one, *np.quantile(one, (OUTER, 1.0 - OUTER)))
+    held = np.clip(one, *np.quantile(one, (WINSORISED_SHARE, 1.0 - WINSORISED_SHARE)))
     a, b = held - held.mean(), _rank_values(other)
     size = float(np.sqrt((a @ a) * (b @ b)))
     if size <= 0.0:
         return 1.0
     rho = float(a @ b) / size
-    if (least := _calc_chance_probability(rho, count)) > level:
+    if (least := _calc_t_test_p(rho, count)) > level:
         return least
     lags = np.arange(1, len(a) // 2)
     remembered = float(
         _calc_autocorrelation(a)[lags] * _calc_autocorrelation(b)[lags] @ (1.0 - lags / count)
     )
-    return max(least, _calc_chance_probability(rho, count / max(1.0, 1.0 + 2.0 * remembered)))
+    return max(least, _calc_t_test_p(rho, count / max(1.0, 1.0 + 2.0 * remembered)))
 
 
 def _rank_values(series: Array) -> Array:
@@ -107,7 +107,7 @@ def _rank_values(series: Array) -> Array:
     return np.asarray(shared[place] - 0.5 * (len(series) + 1.0))
 
 
-def _calc_chance_probability(rho: float, pairs: float) -> float:
+def _calc_t_test_p(rho: float, pairs: float) -> float:
     """Return the two-sided p value of a correlation of independent pairs, by Student's t."""
     free = pairs - 2.0
     return (
@@ -124,25 +124,25 @@ def _calc_autocorrelation(series: Array) -> Array:
     return np.asarray(by_lag / max(by_lag[0], 1e-300))
 
 
-def by_chance_taken(left: Array, columns: Array) -> float:
+def calc_fit_p(left: Array, columns: Array) -> float:
     """Return the probability that columns (k, n) unrelated to a white series (n,) explain as much
     of it (F test)."""
     basis, strength, _ = np.linalg.svd(columns.T, full_matrices=False)
     basis = basis[:, strength > 1e-6 * strength.max(initial=1e-300)]
     free = len(left) - basis.shape[1]
-    if not basis.shape[1] or free < FEWEST_PAIRS:
+    if not basis.shape[1] or free < MIN_PAIRS:
         return 1.0
     taken, whole = float(np.sum((basis.T @ left) ** 2)), float(left @ left)
     ratio = taken / basis.shape[1] / max(1e-300, (whole - taken) / free)
     return float(fdtrc(basis.shape[1], free, ratio))
 
 
-def find_line_period_s(
+def find_line_period(
     left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> float | None:
     """Return the period of a significant spectral line in banded coefficients (m,), s; None where
     there is none."""
-    power = left**2 / calc_coefficient_strengths(noise, prior, cut, step_s)
+    power = left**2 / calc_coefficient_variances(noise, prior, cut, step_s)
     omega = np.concatenate(
         [np.pi * np.arange(end - begin) / (end - begin) for begin, end in cut.bounds]
     )[cut.order]
@@ -151,7 +151,7 @@ def find_line_period_s(
         return None
     at = int(np.argmax(power))
     if omega[at] <= 0.0 or np.log(2.0 * len(power)) + log_ndtr(-float(np.sqrt(power[at]))) > np.log(
-        LEVEL
+        FALSE_ALARM_PROB
     ):
         return None
     return float(2.0 * np.pi / omega[at] * step_s)

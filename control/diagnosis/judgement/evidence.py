@@ -11,20 +11,20 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from . import noise as noises
-from .gaussian import Array, Gaussian, Indices, Sizes
+from .gaussian import Array, ColumnProducts, Indices, SizePosterior
 from .noise import Noise
-from .noise_fit import SLOWER
+from .noise_fit import MIN_TIME_RATIO
 
 # Half of a 90 % interval in standard deviations.
 Z90 = 1.645
 # Maximum number of rounds of a fit of amplitudes and noise.
 MAX_ROUNDS = 15
 # Divisor of the usual drift for a calm noise, from which fits start.
-CALM = 5.0
+CALM_DIVISOR = 5.0
 # Start values of the fast component's correlation time, s.
-QUICK_S = (0.2, 1.0)
+START_TIMES_S = (0.2, 1.0)
 # Minimum gain of the log-likelihood for a further round.
-SETTLED = 0.05
+MIN_ROUND_GAIN = 0.05
 
 
 class MeasuredChannel(Protocol):
@@ -40,7 +40,7 @@ class MeasuredChannel(Protocol):
     def grid(self) -> Any: ...
 
 
-class Role(Enum):
+class ColumnRole(Enum):
     """Role of a column in a regression problem."""
 
     # A nominal value of the machine file, uncertain within its tolerance.
@@ -59,11 +59,11 @@ class Role(Enum):
     TRACE = "trace"
 
 
-class Label(NamedTuple):
+class ColumnLabel(NamedTuple):
     """Identity of a column. name : key of the nominal value, or id of the effect. part : index of
     the effect, or -1."""
 
-    role: Role
+    role: ColumnRole
     name: str = ""
     part: int = -1
 
@@ -72,7 +72,7 @@ class Column(NamedTuple):
     """Change of the channels for one unit of an amplitude: cosine coefficients by channel (an
     absent channel does not change)."""
 
-    label: Label
+    label: ColumnLabel
     coefficients: Mapping[str, Array]
     # Prior standard deviation of the amplitude; inf means free.
     sd: float
@@ -80,7 +80,7 @@ class Column(NamedTuple):
     mean: float = 0.0
 
 
-class Products(NamedTuple):
+class BandProducts(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
     channel: MeasuredChannel
@@ -90,7 +90,7 @@ class Products(NamedTuple):
     columns: Indices
 
     @property
-    def known(self) -> tuple[noises.NoisePrior, noises.Segments, float]:
+    def noise_inputs(self) -> tuple[noises.NoisePrior, noises.Segments, float]:
         """Return the prior of the channel's noise, the channel's segments, and its time step, s."""
         return self.channel.prior, self.channel.cut, self.channel.grid.step_s
 
@@ -106,37 +106,39 @@ class Problem(NamedTuple):
     """Inputs of a likelihood: columns by their labels, their priors, and their products with the
     data."""
 
-    labels: tuple[Label, ...]
+    labels: tuple[ColumnLabel, ...]
     # Prior standard deviations, (q,).
     sd: Array
     # Prior means, (q,).
     mean: Array
-    products: tuple[Products, ...]
+    products: tuple[BandProducts, ...]
     # Log weight of the priors, where their standard deviations come from heavy tails
     # (`prior.find_size_log_weight`).
     log_weight: float = 0.0
 
-    def places(self, role: Role) -> list[int]:
+    def find_indices(self, role: ColumnRole) -> list[int]:
         """Return the indices of the columns of one role."""
         return [k for k, label in enumerate(self.labels) if label.role is role]
 
-    def weigh_columns(self, noise: Mapping[str, Noise]) -> Gaussian:
+    def weigh_columns(self, noise: Mapping[str, Noise]) -> ColumnProducts:
         """Return the products of all columns under a given noise, without their priors."""
         size = len(self.labels)
         a, s = np.zeros((size, size)), np.zeros(size)
         for one in self.products:
             total = np.tensordot(
-                1.0 / noises.calc_band_variances(noise[one.channel.name], *one.known),
+                1.0 / noises.calc_band_variances(noise[one.channel.name], *one.noise_inputs),
                 one.gram,
                 axes=1,
             )
             a[np.ix_(one.columns, one.columns)] += total[1:, 1:]
             s[one.columns] += total[1:, 0]
-        return Gaussian(a, s)
+        return ColumnProducts(a, s)
 
-    def sizes(self, chosen: Indices, noise: Mapping[str, Noise]) -> Sizes:
+    def fit_sizes(self, chosen: Indices, noise: Mapping[str, Noise]) -> SizePosterior:
         """Return the posterior sizes of the chosen columns under a given noise."""
-        return self.weigh_columns(noise).of(chosen).fit(self.sd[chosen], self.mean[chosen])
+        return (
+            self.weigh_columns(noise).select_columns(chosen).fit(self.sd[chosen], self.mean[chosen])
+        )
 
 
 class Fit(NamedTuple):
@@ -167,8 +169,10 @@ def make_evidence_problem(
             [data[channel.name], *(columns[k].coefficients[channel.name] for k in here)]
         )
         products.append(
-            Products(
-                channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)
+            BandProducts(
+                channel,
+                noises.calc_band_products(stack, stack, channel.cut),
+                np.array(here, np.int64),
             )
         )
     return Problem(
@@ -188,16 +192,16 @@ def fit_amplitudes_and_noise(
     A drift and a constant are nearly interchangeable, so the convergence is slow.
     """
     now = dict(noise)
-    sizes, before = p.sizes(chosen, now), -np.inf
+    sizes, before = p.fit_sizes(chosen, now), -np.inf
     for _ in range(rounds):
         for one in p.products:
             name = one.channel.name
             now[name] = noises.fit_noise(
-                one.calc_residual_power(chosen, sizes.b), now[name], *one.known
+                one.calc_residual_power(chosen, sizes.b), now[name], *one.noise_inputs
             )
-        sizes = p.sizes(chosen, now)
+        sizes = p.fit_sizes(chosen, now)
         value = _calc_log_posterior(p, chosen, sizes.b, now)
-        if value - before < SETTLED:
+        if value - before < MIN_ROUND_GAIN:
             break
         before = value
     value = _calc_log_posterior(p, chosen, sizes.b, now)
@@ -234,7 +238,7 @@ def fit_first_noise(
                 )
                 for c in channels
             }
-            for quick_s in QUICK_S
+            for quick_s in START_TIMES_S
         ),
     ]
     return max(
@@ -249,7 +253,7 @@ def adapt_noise(
     """Return the noise with a factor for each band, by the residual of the chosen columns."""
     return {
         one.channel.name: noises.scale_bands(
-            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.known
+            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.noise_inputs
         )
         for one in p.products
     }
@@ -263,8 +267,14 @@ def limit_slow_noise(
     found = {}
     for channel in channels:
         here, usual = noise[channel.name].theta, noises.find_starting_noise(channel.prior).theta
-        fast = here[:2] if here[1] < here[3] and here[1] < usual[3] - np.log(SLOWER) else usual[:2]
-        found[channel.name] = Noise((*fast, min(here[2], usual[2] - float(np.log(CALM))), usual[3]))
+        fast = (
+            here[:2]
+            if here[1] < here[3] and here[1] < usual[3] - np.log(MIN_TIME_RATIO)
+            else usual[:2]
+        )
+        found[channel.name] = Noise(
+            (*fast, min(here[2], usual[2] - float(np.log(CALM_DIVISOR))), usual[3])
+        )
     return found
 
 
@@ -295,14 +305,16 @@ def _calc_log_posterior(
         np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2)
     )
     return of_sizes + sum(
-        noises.log_likelihood(
-            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.known
+        noises.calc_log_likelihood(
+            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.noise_inputs
         )
         for one in p.products
     )
 
 
-def project_out_fixed(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:
+def project_out_fixed(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> ColumnProducts:
     """Return the products of all columns after the fit of the `fixed` columns."""
     every = p.weigh_columns(noise)
-    return every.beyond(every.A[:, fixed], every.of(fixed).fit(p.sd[fixed], p.mean[fixed]))
+    return every.project_out(
+        every.A[:, fixed], every.select_columns(fixed).fit(p.sd[fixed], p.mean[fixed])
+    )

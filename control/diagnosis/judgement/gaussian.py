@@ -55,17 +55,17 @@ Indices = npt.NDArray[np.int64]
 
 # Ridge of R, times the square root of the number of columns: the rounding error of identical
 # columns.
-RIDGE = 1e-10
+RIDGE_SHARE = 1e-10
 # Minimum information of a free column, to avoid a division by zero.
-LEAST = 1e-12
+MIN_INFORMATION = 1e-12
 # Minimum share of the information: a form with less has no effect.
-LEAST_ENERGY = 1e-6
+MIN_ENERGY_SHARE = 1e-6
 # Ridge as a share of a form's information: two amplitudes that are harder to separate share their
 # gain.
-STIFF = 1e-4
+FORM_RIDGE_SHARE = 1e-4
 
 
-class Sizes(NamedTuple):
+class SizePosterior(NamedTuple):
     """Posterior of sizes, (2) and (3). log_occam : the last term of (3)."""
 
     # Posterior mean, (..., k).
@@ -78,7 +78,7 @@ class Sizes(NamedTuple):
     gain: Array
 
 
-class Gaussian(NamedTuple):
+class ColumnProducts(NamedTuple):
     """The products (1) of k columns; several cases have leading axes."""
 
     # Information matrix, (..., k, k).
@@ -88,19 +88,21 @@ class Gaussian(NamedTuple):
     # Sum of squares of the data, (...,).
     c: Array | float = 0.0
 
-    def of(self, chosen: Indices) -> Gaussian:
+    def select_columns(self, chosen: Indices) -> ColumnProducts:
         """Return the products of some of the columns (k,)."""
-        return Gaussian(self.A[..., chosen[:, None], chosen], self.s[..., chosen], self.c)
+        return ColumnProducts(self.A[..., chosen[:, None], chosen], self.s[..., chosen], self.c)
 
-    def fit(self, sd: Array, mean: Array | float = 0.0) -> Sizes:
+    def fit(self, sd: Array, mean: Array | float = 0.0) -> SizePosterior:
         """Return the posterior of all sizes under priors with s.d. (..., k), each from 0 to inf,
         and mean."""
         a, free = np.maximum(np.diagonal(self.A, axis1=-2, axis2=-1), 0.0), np.isinf(sd)
         bound = np.where(free, 0.0, sd)
         cost = np.log1p(bound**2 * a)
-        scale = np.where(free, 1.0 / np.sqrt(np.maximum(a, LEAST)), bound * np.exp(-0.5 * cost))
+        scale = np.where(
+            free, 1.0 / np.sqrt(np.maximum(a, MIN_INFORMATION)), bound * np.exp(-0.5 * cost)
+        )
         one = np.eye(a.shape[-1], dtype=bool)
-        r = np.where(one, 1.0 + RIDGE, self.A * scale[..., :, None] * scale[..., None, :])
+        r = np.where(one, 1.0 + RIDGE_SHARE, self.A * scale[..., :, None] * scale[..., None, :])
         cov = np.linalg.inv(r) * scale[..., :, None] * scale[..., None, :]
         about = self.s - np.einsum("...ij,...j->...i", self.A, np.broadcast_to(mean, self.s.shape))
         moved = np.einsum("...ij,...j->...i", cov, about)
@@ -112,38 +114,40 @@ class Gaussian(NamedTuple):
             )
         log_occam = -0.5 * (log_det + np.sum(cost, axis=-1))
         gain = 0.5 * np.sum(mean * (self.s + about) + about * moved, axis=-1) + log_occam
-        return Sizes(mean + moved, cov, log_occam, gain)
+        return SizePosterior(mean + moved, cov, log_occam, gain)
 
-    def beyond(self, cross: Array, fitted: Sizes) -> Gaussian:
+    def project_out(self, cross: Array, fitted: SizePosterior) -> ColumnProducts:
         """Return the products (4) of these columns after the fit of others. cross : A_JC, (..., k,
         fitted)."""
-        return Gaussian(
+        return ColumnProducts(
             self.A - cross @ fitted.cov @ np.swapaxes(cross, -1, -2),
             self.s - np.einsum("...ij,...j->...i", cross, fitted.b),
         )
 
-    def gains_of_single(self, mixes: Array) -> Array:
+    def calc_single_gains(self, mixes: Array) -> Array:
         """Return the gain in twice the log-likelihood of the best size of each mixture of columns:
         mixes (k, n) -> (n,)."""
         a = np.einsum("kn,kn->n", mixes, self.A @ mixes)
-        return np.where(a > LEAST_ENERGY, (self.s @ mixes) ** 2 / np.maximum(a, LEAST_ENERGY), 0.0)
+        return np.where(
+            a > MIN_ENERGY_SHARE, (self.s @ mixes) ** 2 / np.maximum(a, MIN_ENERGY_SHARE), 0.0
+        )
 
     def calc_gain_of_mixes(self, mix: Array) -> float:
         """Return the joint gain in twice the log-likelihood of the best sizes of mixtures of
         columns: mix (k, p)."""
         part, side = mix.T @ self.A @ mix, mix.T @ self.s
         a = np.diag(part)
-        if np.any(a <= LEAST_ENERGY):
+        if np.any(a <= MIN_ENERGY_SHARE):
             return 0.0
         scale = np.sqrt(a)
-        stiff = part / scale[:, None] / scale + STIFF * np.eye(len(side))
+        stiff = part / scale[:, None] / scale + FORM_RIDGE_SHARE * np.eye(len(side))
         return float(np.linalg.solve(stiff, side / scale) @ (side / scale))
 
-    def find_independent_axes(self, sd: Array) -> Axes:
+    def find_independent_axes(self, sd: Array) -> IndependentAxes:
         """Return the axes on which sizes are independent for noise of any strength, under priors
         with finite s.d. (k,) and mean 0."""
         length, turn = np.linalg.eigh(self.A * sd[:, None] * sd)
-        return Axes(
+        return IndependentAxes(
             np.maximum(length, 0.0),
             np.einsum("...ij,...i->...j", turn, self.s * sd),
             turn * sd[:, None],
@@ -151,7 +155,7 @@ class Gaussian(NamedTuple):
         )
 
 
-class Axes(NamedTuple):
+class IndependentAxes(NamedTuple):
     """Sizes along axes on which they are independent whatever the strength of the noise, (6)."""
 
     # Eigenvalues l, (..., k).
@@ -163,7 +167,7 @@ class Axes(NamedTuple):
     # Sum of squares of the data, (...,).
     c: Array
 
-    def log_evidence(self, v: Array) -> Array:
+    def calc_log_evidence(self, v: Array) -> Array:
         """Return the log evidence under noises of variances v (n,) times V: (..., n)."""
         over = self.length[..., None, :] + v[:, None]
         left = np.maximum(
@@ -174,7 +178,7 @@ class Axes(NamedTuple):
             - 0.5 * np.sum(np.log1p(self.length[..., None, :] / v[:, None]), axis=-1)
         )
 
-    def sizes(self, v: Array) -> tuple[Array, Array]:
+    def calc_sizes(self, v: Array) -> tuple[Array, Array]:
         """Return b and its variances along the axes: (..., n, k) each."""
         over = self.length[..., None, :] + v[:, None]
         return (self.score[..., None, :] / over) @ np.swapaxes(self.axes, -1, -2), v[:, None] / over

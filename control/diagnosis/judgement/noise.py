@@ -15,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import dct, idct, prev_fast_len
 
-from .noise_fit import BAND_DOF, find_likelihood, find_spectrum, fit_spectrum
+from .noise_fit import BAND_DOF, calc_fit_likelihood, calc_spectrum_values, fit_spectrum
 
 Array = npt.NDArray[np.float64]
 
 # Maximum segment length, samples: longer series are split, because the correlation time of noise is
 # far shorter.
-SEGMENT = 32768
+MAX_SEGMENT_SAMPLES = 32768
 # Segment length, samples, below which the transform is fast for any length.
-LONG = 4096
+MIN_FACTORED_SAMPLES = 4096
 # Ratio of the upper to the lower frequency of a band.
 BAND_RATIO = 1.25
 
@@ -52,11 +52,11 @@ def make_segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None
     length with a large prime factor takes ten times as long.
     """
     if bounds is None:
-        pieces = max(1, round(length / SEGMENT))
+        pieces = max(1, round(length / MAX_SEGMENT_SAMPLES))
         edges = np.linspace(0, length, pieces + 1).astype(int)
         bounds = tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
     bounds = tuple(
-        (begin, end if end - begin < LONG else begin + prev_fast_len(end - begin))
+        (begin, end if end - begin < MIN_FACTORED_SAMPLES else begin + prev_fast_len(end - begin))
         for begin, end in bounds
     )
     longest = max(end - begin for begin, end in bounds)
@@ -89,7 +89,7 @@ def leave_out_bands(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
     return Segments(cut.length, cut.bounds, cut.order[kept], starts, members, cut.omega[~bands])
 
 
-def coefficients(series: Array, cut: Segments) -> Array:
+def calc_coefficients(series: Array, cut: Segments) -> Array:
     """Return the cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
     if len(parts) == 1 and len(cut.order) == parts[0].shape[-1]:
@@ -98,7 +98,7 @@ def coefficients(series: Array, cut: Segments) -> Array:
     return np.take(np.concatenate(parts, axis=-1), cut.order, axis=-1)
 
 
-def make_series_of(banded: Array, cut: Segments) -> Array:
+def make_series(banded: Array, cut: Segments) -> Array:
     """Return the series (n,) of cosine coefficients sorted by band (m,); zero outside the
     segments."""
     plain = np.zeros(sum(end - begin for begin, end in cut.bounds))
@@ -111,7 +111,7 @@ def make_series_of(banded: Array, cut: Segments) -> Array:
     return out
 
 
-def band_products(x: Array, y: Array, cut: Segments) -> Array:
+def calc_band_products(x: Array, y: Array, cut: Segments) -> Array:
     """Return sums of products per band of coefficient rows x (p, m) and y (q, m): (bands, p, q)."""
     ends = np.append(cut.starts[1:], x.shape[-1])
     out = np.empty((len(cut.starts), x.shape[0], y.shape[0]))
@@ -175,7 +175,7 @@ def find_starting_noise(prior: NoisePrior) -> Noise:
 def calc_spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Return the variance of one coefficient in each band (bands,)."""
     return np.asarray(
-        find_spectrum(
+        calc_spectrum_values(
             theta, prior.floor_sd, prior.walk_sd, np.cos(cut.omega), cut.members.sum(), step_s
         )
     )
@@ -188,21 +188,21 @@ def calc_band_variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: 
     return plain * np.array(noise.louder) if len(noise.louder) == len(plain) else plain
 
 
-def calc_coefficient_strengths(
+def calc_coefficient_variances(
     noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> Array:
     """Return the variance of every coefficient, sorted by band (m,)."""
     return np.repeat(calc_band_variances(noise, prior, cut, step_s), cut.members.astype(np.int64))
 
 
-def log_likelihood(
+def calc_log_likelihood(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> float:
     """Return the Whittle log-likelihood of residual band powers (bands,), including the noise's
     prior."""
     theta = np.array(noise.theta)
     return float(
-        find_likelihood(
+        calc_fit_likelihood(
             theta,
             power,
             cut.members,

@@ -20,24 +20,24 @@ from topdress.control.machine.compiled import compile_function
 Array = npt.NDArray[np.float64]
 
 # Change of theta for a numerical slope.
-MOVED = 1e-4
+SLOPE_STEP = 1e-4
 # Prior standard deviation of a drift's log s.d. below its usual value.
-LITTLE_DRIFT = 3.0
+LOW_DRIFT_SD = 3.0
 # Maximum number of halvings of a step without gain.
-HALVINGS = 6
+MAX_HALVINGS = 6
 # Maximum change of theta in one step.
-LONGEST_STEP = 1.5
+MAX_STEP = 1.5
 # Minimum gain of the log-likelihood for a further step.
-SETTLED = 1e-3
+MIN_STEP_GAIN = 1e-3
 # Minimum ratio of the slow to the fast correlation time: otherwise both components are the same.
-SLOWER = 5.0
+MIN_TIME_RATIO = 5.0
 # Degrees of freedom of a band: its s.d. agrees with the spectrum to 1 / sqrt(2 BAND_DOF), some 16
 # %.
 BAND_DOF = 20.0
 
 
 @compile_function
-def find_spectrum(
+def calc_spectrum_values(
     theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float
 ) -> Array:
     """Return the variance of one coefficient in each band (bands,). cos : cosine of its frequency.
@@ -68,11 +68,11 @@ def find_spectrum(
 def choose_prior_sd(k: int, off: float, spread: float) -> float:
     """Return the prior s.d. of theta's k-th number on the side of its current value: many sensors
     hardly drift at all."""
-    return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
+    return LOW_DRIFT_SD if k == 2 and off < 0.0 else spread
 
 
 @compile_function
-def find_likelihood(
+def calc_fit_likelihood(
     theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array
 ) -> float:
     """Return the log-likelihood of residual band powers, Student t in each band, including the
@@ -159,10 +159,10 @@ def calc_scoring_step(
     slopes = np.empty((4, bands))
     for k in range(4):
         moved = theta.copy()
-        moved[k] += MOVED
-        there = find_spectrum(moved, floor_sd, walk_sd, cos, count, step_s)
+        moved[k] += SLOPE_STEP
+        there = calc_spectrum_values(moved, floor_sd, walk_sd, cos, count, step_s)
         for band in range(bands):
-            slopes[k, band] = (np.log(there[band]) - np.log(strength[band])) / MOVED
+            slopes[k, band] = (np.log(there[band]) - np.log(strength[band])) / SLOPE_STEP
     gradient, fisher = np.zeros(4), np.zeros((4, 4))
     for k in range(4):
         off = theta[k] - centre[k]
@@ -182,8 +182,8 @@ def calc_scoring_step(
         fisher[k, k] += 1.0 / choose_prior_sd(k, off, spread[k]) ** 2
     step: Array = solve_linear_system(fisher, gradient)
     for k in range(4):
-        if abs(step[k]) > LONGEST_STEP:
-            step[k] = LONGEST_STEP if step[k] > 0.0 else -LONGEST_STEP
+        if abs(step[k]) > MAX_STEP:
+            step[k] = MAX_STEP if step[k] > 0.0 else -MAX_STEP
     return step
 
 
@@ -202,18 +202,18 @@ def fit_spectrum(
 ) -> Array:
     """Return the most probable theta (4,), by Fisher scoring with step halving from `start`."""
     theta, count = start.copy(), sum_values(members)
-    strength = find_spectrum(theta, floor_sd, walk_sd, cos, count, step_s)
-    best = find_likelihood(theta, power, members, strength, centre, spread)
+    strength = calc_spectrum_values(theta, floor_sd, walk_sd, cos, count, step_s)
+    best = calc_fit_likelihood(theta, power, members, strength, centre, spread)
     for _ in range(rounds):
         step = calc_scoring_step(
             theta, power, members, cos, strength, floor_sd, walk_sd, centre, spread, step_s
         )
         tried, part = best - 1.0, 1.0
-        for _ in range(HALVINGS):
+        for _ in range(MAX_HALVINGS):
             moved = add_scaled_step(theta, step, part)
-            there = find_spectrum(moved, floor_sd, walk_sd, cos, count, step_s)
-            tried = find_likelihood(moved, power, members, there, centre, spread)
-            if moved[1] > moved[3] - np.log(SLOWER):
+            there = calc_spectrum_values(moved, floor_sd, walk_sd, cos, count, step_s)
+            tried = calc_fit_likelihood(moved, power, members, there, centre, spread)
+            if moved[1] > moved[3] - np.log(MIN_TIME_RATIO):
                 tried = -np.inf
             if tried >= best:
                 break
@@ -221,6 +221,6 @@ def fit_spectrum(
         if not tried >= best:
             break
         gained, best, theta, strength = tried - best, tried, moved, there
-        if gained < SETTLED:
+        if gained < MIN_STEP_GAIN:
             break
     return theta

@@ -25,71 +25,71 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS, FoundBy
+from topdress.control.diagnosis.effects import EFFECT_ROWS, FoundBy
 from topdress.control.diagnosis.judgement.evidence import (
     Column,
-    Role,
+    ColumnRole,
     choose_better_fit,
     make_evidence_problem,
 )
 from topdress.control.diagnosis.judgement.noise import (
     Noise,
     NoisePrior,
-    coefficients,
+    calc_coefficients,
     find_starting_noise,
     make_segments,
-    make_series_of,
+    make_series,
 )
-from topdress.control.diagnosis.judgement.prior import COURSE, name_course
-from topdress.control.diagnosis.runs.changepoint import find_best_onsets, that_may_begin
+from topdress.control.diagnosis.judgement.prior import COURSE_PROBS, name_course
+from topdress.control.diagnosis.runs.changepoint import find_best_onsets, select_onset_candidates
 from topdress.control.diagnosis.runs.channels import ChannelSeries, make_channels
-from topdress.control.diagnosis.runs.columns import nuisance_columns
-from topdress.control.diagnosis.runs.diagnose import series_of_log
+from topdress.control.diagnosis.runs.columns import list_nuisance_columns
+from topdress.control.diagnosis.runs.diagnose import prepare_log
 from topdress.control.diagnosis.runs.grid import Grid
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
-from topdress.control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, clean_run_log
-from topdress.control.diagnosis.runs.model import GROUPS, GroupModel, is_cumulative
-from topdress.control.diagnosis.runs.row_order import Move, find_row_order, move_log_columns
+from topdress.control.diagnosis.runs.log import HEAD_COLUMNS, MIN_ROWS, CleanLog, clean_run_log
+from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, GroupModel, is_cumulative
+from topdress.control.diagnosis.runs.row_order import ColumnShift, find_row_order, shift_log_columns
 from topdress.control.diagnosis.runs.search import Candidate, list_candidates
 from topdress.control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
 # Returns the columns of a run log since a time, s.
-Rows = Callable[[float], Mapping[str, npt.NDArray[Any]]]
+RowReader = Callable[[float], Mapping[str, npt.NDArray[Any]]]
 
 # Window in which an effect may begin, s: a scale takes minutes to show a flow.
 WINDOW_S = 600.0
 # Bin length, s.
 BIN_S = 1.0
 # Time before its new rows at which a piece begins, s: the slowest drive settles within it.
-COMES_TO_S = 15.0
+SETTLE_S = 15.0
 # Minimum number of rows before the new rows of a piece.
-COMES_TO_ROWS = 2 * MIN_ROWS
+SETTLE_ROWS = 2 * MIN_ROWS
 # Time at the end of the rows that is left for the next piece, s: smoothing lacks the rows that
 # follow.
-NOT_YET_S = 2.0
+DEFERRED_S = 2.0
 # Minimum number of bins for a test.
-LEAST_BINS = 60
+MIN_BINS = 60
 # Mean working time between false alarms of the test alone on a healthy machine, s: ten times the
 # promised time, because no noise agrees exactly with its model.
-BETWEEN_S = 1000 * 3600.0
+FALSE_ALARM_TIME_S = 1000 * 3600.0
 # Threshold of the logarithm of the statistic, for a sample in each bin and any group.
-BAR = log(BETWEEN_S / BIN_S * len(GROUPS))
+ALARM_THRESHOLD = log(FALSE_ALARM_TIME_S / BIN_S * len(CHANNEL_GROUPS))
 # Gain in twice the log-likelihood from which onset times are refined: half of the alarm threshold.
-MATTERS = BAR
+MIN_REFINED_GAIN = ALARM_THRESHOLD
 # Minimum time since an onset, s: a late answer or a stop ends sooner.
-SEEN_S = 20.0
+MIN_ONSET_AGE_S = 20.0
 # Time range before now, s, of the tests that determine the drift: an effect that begins now is in
 # none of them.
-LEARNT_S = (300.0, 3900.0)
+DRIFT_WINDOW_S = (300.0, 3900.0)
 # A refill that began less than this before the end of a piece, s, may be incomplete.
-LATER_S = 10.0
+MIN_REFILL_AGE_S = 10.0
 
 # Role or effect, name, member or index.
-Key = tuple[str, str, int | None]
+LineKey = tuple[str, str, int | None]
 
 
-class Lines(NamedTuple):
+class BinnedChannel(NamedTuple):
     """One channel of one piece or of all pieces, in bins. Accumulating lines (`sums`) are stored as
     changes from bin to bin."""
 
@@ -99,14 +99,14 @@ class Lines(NamedTuple):
     # Measured values, (copies, m).
     measured: Array
     # Prediction, columns, traces: (copies, m).
-    lines: dict[Key, Array]
-    sums: frozenset[Key]
+    lines: dict[LineKey, Array]
+    sums: frozenset[LineKey]
     # Columns with their priors.
-    columns: dict[Key, Column]
-    candidates: dict[Key, Candidate]
+    columns: dict[LineKey, Column]
+    candidates: dict[LineKey, Candidate]
 
 
-PREDICTED: Key = ("predicted", "", None)
+PREDICTED_KEY: LineKey = ("predicted", "", None)
 
 
 class ChangePoint(NamedTuple):
@@ -119,22 +119,22 @@ class ChangePoint(NamedTuple):
     evidence: float
 
 
-class Rolling:
+class SequentialTest:
     """Sequential test over the last minutes of a growing log, by group of channels."""
 
     def __init__(self, machine: Machine, window_s: float = WINDOW_S) -> None:
         self._machine, self._window_s = machine, window_s
-        self._kept: dict[str, dict[str, Lines]] = {}
+        self._kept: dict[str, dict[str, BinnedChannel]] = {}
         # Rows before this time are stored already.
         self._until_s = -np.inf
-        self._move: Move | None = None
+        self._move: ColumnShift | None = None
         # Whether the next piece is the whole window.
         self._whole = True
         self._tried = list_live_candidates(machine)
         # Noise fitted at each test, by channel, with the time of the test.
         self._noises: dict[str, list[tuple[float, Noise]]] = {}
 
-    def __call__(self, rows: Rows, now_s: float) -> list[ChangePoint]:
+    def __call__(self, rows: RowReader, now_s: float) -> list[ChangePoint]:
         """Return the most likely onset within the last minutes for each group of channels that the
         rows can show.
 
@@ -146,9 +146,9 @@ class Rolling:
             found for group in self._kept if (found := self._find_best_beginning(group)) is not None
         ]
 
-    def _take_rows(self, rows: Rows, now_s: float) -> None:
+    def _take_rows(self, rows: RowReader, now_s: float) -> None:
         """Read and store the rows until now."""
-        until_s = float(np.floor(now_s - NOT_YET_S))
+        until_s = float(np.floor(now_s - DEFERRED_S))
         if self._whole or self._until_s < now_s - self._window_s:
             from_s = now_s - self._window_s
             piece = rows(from_s)
@@ -156,13 +156,11 @@ class Rolling:
             self._move = find_row_order(clean_run_log(piece), self._machine)
             self._until_s = -np.inf
         else:
-            from_s = self._until_s - COMES_TO_S
+            from_s = self._until_s - SETTLE_S
             piece = rows(from_s)
-            if len(piece["time_s"]) < COMES_TO_ROWS:
+            if len(piece["time_s"]) < SETTLE_ROWS:
                 piece = rows(
-                    now_s
-                    - (now_s - from_s) * COMES_TO_ROWS / max(1, len(piece["time_s"]))
-                    - COMES_TO_S
+                    now_s - (now_s - from_s) * SETTLE_ROWS / max(1, len(piece["time_s"])) - SETTLE_S
                 )
         if until_s <= self._until_s:
             return
@@ -188,14 +186,14 @@ class Rolling:
         stored."""
         since_s = self._until_s - self._window_s
         members = [_keep_lines_since(one, since_s) for one in self._kept.get(group, {}).values()]
-        members = [one for one in members if len(one.at_s) >= LEAST_BINS]
+        members = [one for one in members if len(one.at_s) >= MIN_BINS]
         if not members:
             return None
         series = [_make_channel_series(one) for one in members]
         banded: dict[str, Array] = {}
         base: list[Column] = []
-        tried: dict[Key, Candidate] = {}
-        traces: dict[Key, dict[str, Array]] = {}
+        tried: dict[LineKey, Candidate] = {}
+        traces: dict[LineKey, dict[str, Array]] = {}
         for one, channel in zip(members, series, strict=True):
             for key, candidate in one.candidates.items():
                 if key in one.lines:
@@ -203,10 +201,10 @@ class Rolling:
                     traces.setdefault(key, {})[channel.name] = _join_copies(one, key).ravel()
             open_ = [key for key in one.columns if key in one.lines]
             rows = [
-                one.measured - _join_copies(one, PREDICTED),
+                one.measured - _join_copies(one, PREDICTED_KEY),
                 *(_join_copies(one, key) for key in open_),
             ]
-            left, *columns = coefficients(np.array(rows).reshape(len(rows), -1), channel.cut)
+            left, *columns = calc_coefficients(np.array(rows).reshape(len(rows), -1), channel.cut)
             banded[channel.name] = left
             base += [
                 one.columns[key]._replace(coefficients={channel.name: column})
@@ -223,17 +221,17 @@ class Rolling:
             [usual],
             list(tried.values()),
             [traces[key] for key in tried],
-            matters=MATTERS,
-            end_s=SEEN_S,
+            matters=MIN_REFINED_GAIN,
+            end_s=MIN_ONSET_AGE_S,
         )
         if not found:
             return None
         times = sum(len(one.at_s) for one in members)
         odds = [
-            one.evidence + log(COURSE[name_course(one.part.onset_s, None, one.part.grows)])
+            one.evidence + log(COURSE_PROBS[name_course(one.part.onset_s, None, one.part.grows)])
             for one in found
         ]
-        prior = log(sum(COURSE[word] for word in ("begins", "grows")) * len(tried))
+        prior = log(sum(COURSE_PROBS[word] for word in ("begins", "grows")) * len(tried))
         return ChangePoint(
             group, found[0].part, float(np.logaddexp.reduce(odds)) - prior + log(times)
         )
@@ -246,9 +244,9 @@ class Rolling:
         """
         looks = self._noises.setdefault(name, [])
         looks.append((self._until_s, now))
-        while looks[0][0] < self._until_s - LEARNT_S[1]:
+        while looks[0][0] < self._until_s - DRIFT_WINDOW_S[1]:
             looks.pop(0)
-        learnt = [one for at_s, one in looks if at_s <= self._until_s - LEARNT_S[0]]
+        learnt = [one for at_s, one in looks if at_s <= self._until_s - DRIFT_WINDOW_S[0]]
         if not learnt:
             return now
         drift = 0.5 * float(np.log(np.mean([one.slow_sd**2 for one in learnt])))
@@ -259,7 +257,7 @@ class _NewBins(NamedTuple):
     """New bins of a piece. groups : the bins. broken : whether they cannot follow the older bins.
     unfinished : whether nothing can be appended yet."""
 
-    groups: dict[str, dict[str, Lines]]
+    groups: dict[str, dict[str, BinnedChannel]]
     broken: bool
     unfinished: bool
 
@@ -267,18 +265,18 @@ class _NewBins(NamedTuple):
 def list_live_candidates(machine: Machine) -> dict[str, list[Candidate]]:
     """Return the searched effects by channel: those that are linear in their size."""
     found: dict[str, list[Candidate]] = {}
-    for names in GROUPS.values():
-        every = list_candidates(names, machine, len(HEADS), False)
-        for one in that_may_begin(
+    for names in CHANNEL_GROUPS.values():
+        every = list_candidates(names, machine, len(HEAD_COLUMNS), False)
+        for one in select_onset_candidates(
             [
                 c
                 for c in every
-                if ROWS[c.part.id].probe is not None
-                and ROWS[c.part.id].found_by is not FoundBy.ONSET
+                if EFFECT_ROWS[c.part.id].probe is not None
+                and EFFECT_ROWS[c.part.id].found_by is not FoundBy.ONSET
             ]
         ):
-            usual = one._replace(usual=ROWS[one.part.id].on(machine).usual)
-            for channel in ROWS[one.part.id].channels:
+            usual = one._replace(usual=EFFECT_ROWS[one.part.id].scale_to_machine(machine).usual)
+            for channel in EFFECT_ROWS[one.part.id].channels:
                 found.setdefault(channel, []).append(usual)
     return found
 
@@ -286,7 +284,7 @@ def list_live_candidates(machine: Machine) -> dict[str, list[Candidate]]:
 def _bin_piece(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
-    move: Move | None,
+    move: ColumnShift | None,
     tried: Mapping[str, Sequence[Candidate]],
     from_s: float,
     until_s: float,
@@ -294,19 +292,21 @@ def _bin_piece(
     """Return the bins of some rows between two times of the log."""
     begin_s = float(np.asarray(columns["time_s"])[0])
 
-    def ordered(log: Clean, _: Machine) -> Clean:
-        return move_log_columns(log, move)
+    def ordered(log: CleanLog, _: Machine) -> CleanLog:
+        return shift_log_columns(log, move)
 
-    _, data, _ = series_of_log(columns, machine, ordered)
+    _, data, _ = prepare_log(columns, machine, ordered)
     seen = make_channels(data, machine)
-    found: dict[str, dict[str, Lines]] = {}
-    for group, names in GROUPS.items():
+    found: dict[str, dict[str, BinnedChannel]] = {}
+    for group, names in CHANNEL_GROUPS.items():
         members = [seen[name] for name in names if name in seen]
         if members:
             model = GroupModel(members, machine, data)
-            open_ = nuisance_columns(model)
+            open_ = list_nuisance_columns(model)
             found[group] = {
-                one.name: _make_lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
+                one.name: _make_binned_channel(
+                    model, one, open_, tried[one.name], begin_s, from_s, until_s
+                )
                 for one in members
             }
     broken = unfinished = False
@@ -316,11 +316,11 @@ def _bin_piece(
             for at in (*data.hopper.jumps, *(end for end, _ in data.hopper.gaps))
         ]
         broken = any(at_s > from_s - BIN_S for at_s in steps_s)
-        unfinished = any(at_s > until_s - LATER_S for at_s in steps_s)
+        unfinished = any(at_s > until_s - MIN_REFILL_AGE_S for at_s in steps_s)
     return _NewBins(found, broken, unfinished)
 
 
-def _make_lines(
+def _make_binned_channel(
     model: GroupModel,
     channel: ChannelSeries,
     open_: Sequence[Column],
@@ -328,33 +328,34 @@ def _make_lines(
     begin_s: float,
     from_s: float,
     until_s: float,
-) -> Lines:
+) -> BinnedChannel:
     """Build one channel: its prediction, the columns of readings and tolerances in `open_`, and the
     trace of each effect."""
-    rows: dict[Key, Array] = {PREDICTED: model.predicted(())[channel.name]}
-    sums: set[Key] = {PREDICTED} if channel.name == "scale" else set()
-    columns: dict[Key, Column] = {}
-    kept: dict[Key, Candidate] = {}
+    rows: dict[LineKey, Array] = {PREDICTED_KEY: model.predict(())[channel.name]}
+    sums: set[LineKey] = {PREDICTED_KEY} if channel.name == "scale" else set()
+    columns: dict[LineKey, Column] = {}
+    kept: dict[LineKey, Candidate] = {}
     for k, column in enumerate(open_):
         if channel.name in column.coefficients:
-            key: Key = (column.label.role.value, column.label.name, k)
+            key: LineKey = (column.label.role.value, column.label.name, k)
             rows[key], columns[key] = (
-                make_series_of(column.coefficients[channel.name], channel.cut),
+                make_series(column.coefficients[channel.name], channel.cut),
                 column,
             )
-            if channel.name == "scale" and column.label.role is Role.TOLERANCE:
+            if channel.name == "scale" and column.label.role is ColumnRole.TOLERANCE:
                 sums.add(key)
     for one in tried:
         if (one.part.member or 0) <= model.heads:
             key = (one.part.id, "", one.part.member)
             rows[key], kept[key] = (
-                model.run((one.part,), only=(channel.name,))[channel.name] - rows[PREDICTED],
+                model.run_model((one.part,), only=(channel.name,))[channel.name]
+                - rows[PREDICTED_KEY],
                 one,
             )
             if is_cumulative(one.part, channel.name):
                 sums.add(key)
     at_s, measured, lines = _bin_channel(channel, begin_s, from_s, until_s, rows, sums)
-    return Lines(channel, at_s, measured, lines, frozenset(sums), columns, kept)
+    return BinnedChannel(channel, at_s, measured, lines, frozenset(sums), columns, kept)
 
 
 def _bin_channel(
@@ -362,9 +363,9 @@ def _bin_channel(
     begin_s: float,
     from_s: float,
     until_s: float,
-    rows: Mapping[Key, Array],
-    sums: Collection[Key],
-) -> tuple[Array, Array, dict[Key, Array]]:
+    rows: Mapping[LineKey, Array],
+    sums: Collection[LineKey],
+) -> tuple[Array, Array, dict[LineKey, Array]]:
     """Return the middles of the bins between two times, (m,), and means over bins of the measured
     values and of each row, (copies, m)."""
     at_s = begin_s + channel.grid.even_s
@@ -383,7 +384,7 @@ def _bin_channel(
     return middle_s[new], means[0][:, new], lines
 
 
-def _join_lines(before: Lines | None, new: Lines) -> Lines:
+def _join_lines(before: BinnedChannel | None, new: BinnedChannel) -> BinnedChannel:
     """Append new bins; a line that only one of them has is dropped, but a step continues with its
     last value."""
     if before is None or before.measured.shape[0] != new.measured.shape[0]:
@@ -405,7 +406,7 @@ def _join_lines(before: Lines | None, new: Lines) -> Lines:
     )
 
 
-def _keep_lines_since(one: Lines, since_s: float) -> Lines:
+def _keep_lines_since(one: BinnedChannel, since_s: float) -> BinnedChannel:
     begin = int(np.searchsorted(one.at_s, since_s))
     return one._replace(
         at_s=one.at_s[begin:],
@@ -414,12 +415,12 @@ def _keep_lines_since(one: Lines, since_s: float) -> Lines:
     )
 
 
-def _join_copies(one: Lines, key: Key) -> Array:
+def _join_copies(one: BinnedChannel, key: LineKey) -> Array:
     line = one.lines[key]
     return np.cumsum(line, axis=1) if key in one.sums else line
 
 
-def _make_channel_series(one: Lines) -> ChannelSeries:
+def _make_channel_series(one: BinnedChannel) -> ChannelSeries:
     """Build a channel for the search of onsets."""
     like, count = one.like, len(one.at_s)
     step_s = max(BIN_S, like.grid.step_s)

@@ -16,37 +16,37 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS
-from topdress.control.diagnosis.extend import not_adoptable
+from topdress.control.diagnosis.effects import EFFECT_ROWS
+from topdress.control.diagnosis.extend import find_cause_refusal
 from topdress.control.diagnosis.result import UNKNOWN, Cause, Departure, Diagnosis
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.diagnosis.runs.model import GROUPS
+from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS
 from topdress.control.machine.machine import Machine
 
-from .rolling import BAR, ChangePoint, Rolling, Rows
+from .rolling import ALARM_THRESHOLD, ChangePoint, RowReader, SequentialTest
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Array = npt.NDArray[Any]
 
 # Time between two checks, in log time, s.
-LOOK_S = 30.0
+CHECK_INTERVAL_S = 30.0
 # Time between two full diagnoses, and length of the stretch of each, s.
-QUARTER_S = 900.0
+DIAGNOSIS_INTERVAL_S = 900.0
 # Minimum length of the log for a check, s.
-FIRST_S = 300.0
+MIN_LOG_S = 300.0
 # Time before an onset that its diagnosis includes, s.
-BEFORE_S = 600.0
+ONSET_LEAD_S = 600.0
 # Maximum length of a diagnosed stretch, s; a quarter of an hour more is stored.
-MOST_S = 1800.0
+MAX_STRETCH_S = 1800.0
 # Maximum number of stored rows, 50 MB: sufficient for 44 rows a second, and a bound when times are
 # wrong.
-MOST_ROWS = 120_000
+MAX_STORED_ROWS = 120_000
 # Time until an unconfirmed or unnamed onset is diagnosed again, s: every second check.
-AGAIN_S = 1.5 * LOOK_S
+RETRY_INTERVAL_S = 1.5 * CHECK_INTERVAL_S
 
-_GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {
-    "flow": "metering"
-}
+_CHANNEL_GROUP = {
+    channel: group for group, names in CHANNEL_GROUPS.items() for channel in names
+} | {"flow": "metering"}
 
 
 class _Quarter(NamedTuple):
@@ -63,10 +63,14 @@ class LiveCheck:
     def __init__(
         self,
         machine: Machine,
-        test: Callable[[Rows, float], list[ChangePoint]] | None = None,
+        test: Callable[[RowReader, float], list[ChangePoint]] | None = None,
         diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run,
     ) -> None:
-        self._machine, self._test, self._diagnose = machine, test or Rolling(machine), diagnose
+        self._machine, self._test, self._diagnose = (
+            machine,
+            test or SequentialTest(machine),
+            diagnose,
+        )
         # Time of the last diagnosis of an onset, by group.
         self._asked: dict[str, float] = {}
         # Time of the last diagnosis of an unnamed onset, by group.
@@ -87,7 +91,7 @@ class LiveCheck:
         """Time of the newest row, s."""
         return float(self._rows[-1]["time_s"][-1]) if self._rows else 0.0
 
-    def add(self, rows: Columns) -> None:
+    def add_rows(self, rows: Columns) -> None:
         """Add rows that follow the earlier rows; columns as of `diagnose_run`. Old rows are
         removed."""
         if not len(rows["time_s"]):
@@ -95,29 +99,32 @@ class LiveCheck:
         if self._begin_s is None:
             self._begin_s = self._looked_s = self._diagnosed_s = float(rows["time_s"][0])
         # The rows are copied, because a view would keep the reader's larger tables in memory.
-        self._rows.append({name: np.array(array[-MOST_ROWS:]) for name, array in rows.items()})
+        self._rows.append(
+            {name: np.array(array[-MAX_STORED_ROWS:]) for name, array in rows.items()}
+        )
         self._kept += len(self._rows[-1]["time_s"])
         while (
-            self._rows[0]["time_s"][-1] < self.now_s - MOST_S - QUARTER_S or self._kept > MOST_ROWS
+            self._rows[0]["time_s"][-1] < self.now_s - MAX_STRETCH_S - DIAGNOSIS_INTERVAL_S
+            or self._kept > MAX_STORED_ROWS
         ):
             self._kept -= len(self._rows.popleft()["time_s"])
 
     @property
-    def due(self) -> bool:
+    def is_due(self) -> bool:
         """Tell whether a check may find something new."""
         return (
             self._begin_s is not None
-            and self.now_s - self._begin_s >= FIRST_S
-            and self.now_s - self._looked_s >= LOOK_S
+            and self.now_s - self._begin_s >= MIN_LOG_S
+            and self.now_s - self._looked_s >= CHECK_INTERVAL_S
         )
 
-    def look(self) -> Departure | None:
+    def check_rows(self) -> Departure | None:
         """Check the newest rows and return the standing deviation. The method never raises because
         of their content."""
         self._looked_s = self.now_s
-        if self.now_s - self._diagnosed_s >= QUARTER_S:
+        if self.now_s - self._diagnosed_s >= DIAGNOSIS_INTERVAL_S:
             self._diagnose_quarter()
-        elif _is_mostly_working(self._select_rows_since(self.now_s - LOOK_S)):
+        elif _is_mostly_working(self._select_rows_since(self.now_s - CHECK_INTERVAL_S)):
             self._name_departure()
             self._test_sequentially()
         return self.standing
@@ -129,10 +136,12 @@ class LiveCheck:
             found is None
             or found.cause
             or found.since_s is None
-            or self.now_s - self._reported_s < AGAIN_S
+            or self.now_s - self._reported_s < RETRY_INTERVAL_S
         ):
             return
-        departure = self._departure(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
+        departure = self._find_stretch_departure(
+            found.since_s - ONSET_LEAD_S, _CHANNEL_GROUP.get(found.channel)
+        )
         if departure is not None and departure.cause:
             self.standing = _add_begin_time(departure, found.since_s)
 
@@ -142,30 +151,30 @@ class LiveCheck:
         # There are too few rows of every channel.
         except ValueError:
             return
-        said = None if self.standing is None else _GROUP_OF.get(self.standing.channel)
+        said = None if self.standing is None else _CHANNEL_GROUP.get(self.standing.channel)
         new = [
             one
             for one in found
-            if one.evidence > BAR
+            if one.evidence > ALARM_THRESHOLD
             and one.group != said
-            and self.now_s - self._asked.get(one.group, -np.inf) >= AGAIN_S
+            and self.now_s - self._asked.get(one.group, -np.inf) >= RETRY_INTERVAL_S
         ]
         if not new:
             return
         first = max(new, key=lambda one: one.evidence)
         self._asked[first.group] = self.now_s
         onset_s = self.now_s if first.part.onset_s is None else first.part.onset_s
-        departure = self._departure(onset_s - BEFORE_S, first.group)
+        departure = self._find_stretch_departure(onset_s - ONSET_LEAD_S, first.group)
         if departure is None or not _is_confirmed_by(first, departure):
             return
         seen_s = self._nameless.get(first.group, -np.inf)
         if departure.cause:
             self.standing = _add_begin_time(departure, onset_s)
         # An unnamed deviation must be seen twice, because a short disturbance has no name either.
-        elif self.now_s - seen_s >= QUARTER_S:
+        elif self.now_s - seen_s >= DIAGNOSIS_INTERVAL_S:
             self._nameless[first.group] = self.now_s
         # The second observation must be in rows of its own.
-        elif self._departure(seen_s, first.group) is not None:
+        elif self._find_stretch_departure(seen_s, first.group) is not None:
             self.standing = _add_begin_time(departure, onset_s)
 
     def _diagnose_quarter(self) -> None:
@@ -195,16 +204,16 @@ class LiveCheck:
         self._last = departure
 
     def _describe_stretch(self, stretch: _Quarter) -> Departure | None:
-        return self._departure(stretch.begin_s, None, stretch.end_s)
+        return self._find_stretch_departure(stretch.begin_s, None, stretch.end_s)
 
-    def _departure(
+    def _find_stretch_departure(
         self, begin_s: float, group: str | None, end_s: float = np.inf
     ) -> Departure | None:
         """Return the deviation by a full diagnosis of a stretch of the log, in one group or all;
         times are log times, s."""
         self.diagnoses += 1
         self._reported_s = self.now_s
-        rows = self._select_rows_since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
+        rows = self._select_rows_since(max(begin_s, min(self.now_s, end_s) - MAX_STRETCH_S), end_s)
         try:
             found = find_departure(self._diagnose(rows, self._machine), group)
         except ValueError:
@@ -234,30 +243,30 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
     """
     for cause in found.causes:
         if (
-            (group is None or _GROUP_OF[ROWS[cause.id].channels[0]] == group)
+            (group is None or _CHANNEL_GROUP[EFFECT_ROWS[cause.id].channels[0]] == group)
             and cause.until_s is None
             and not any(rival.id == UNKNOWN for rival in cause.rivals)
         ):
             return _make_departure_of_cause(cause, found)
     for left in found.unexplained:
-        if group is None or _GROUP_OF.get(left.channel) == group:
+        if group is None or _CHANNEL_GROUP.get(left.channel) == group:
             return Departure(left.channel, "", left.dose_percent, left.from_s, False)
     return None
 
 
 # These effects are confounded until a catch test or a known load.
-BY_THE_SCALE_ALONE = ("flow.gain", "scale.gain")
+SCALE_CONFOUNDED_IDS = ("flow.gain", "scale.gain")
 
 
 def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> Departure:
     percent = cause.field_cost.rate_error_percent
     return Departure(
-        ROWS[cause.id].channels[0] if ROWS[cause.id].stage != "flow" else "flow",
+        EFFECT_ROWS[cause.id].channels[0] if EFFECT_ROWS[cause.id].stage != "flow" else "flow",
         cause.id,
         percent or None,
         cause.onset_s,
         not cause.rivals,
-        not not_adoptable(cause) and not cause.rivals and cause.id not in BY_THE_SCALE_ALONE,
+        not find_cause_refusal(cause) and not cause.rivals and cause.id not in SCALE_CONFOUNDED_IDS,
         found.next_run.plan if cause.rivals and found.next_run is not None else "",
         cause.size.value,
         cause.size.unit,

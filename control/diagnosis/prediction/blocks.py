@@ -19,26 +19,26 @@ from topdress.control.machine.forms import Form
 from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from topdress.control.machine.terms import Term
 
-from .on_log import OnLog
+from .on_log import LogPredictor
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
 # Number of blocks of a log: each is longer than the correlation time of the noise.
-BLOCKS = 8
+BLOCK_COUNT = 8
 # Relative change of a number for its slope.
-STEP = 0.02
+SLOPE_STEP_SHARE = 0.02
 # Ridge as a share of a number's information: it fixes a direction in which two numbers are
 # interchangeable.
-RIDGE = 1e-9
+RIDGE_SHARE = 1e-9
 # Tolerance in standard errors: matrix products differ by this between processors.
-LAST_BITS = 1e-9
-KNEE = "ends"
+ROUNDING_TOLERANCE = 1e-9
+KNEE_KEY = "ends"
 # Coefficients of a term that the term is linear in.
-LINEAR = ("slope", "bend", "below", "above", "sine", "cosine", "level")
+LINEAR_COEFFICIENTS = ("slope", "bend", "below", "above", "sine", "cosine", "level")
 
 
-class Number(NamedTuple):
+class FileNumber(NamedTuple):
     """One number of a machine file. turned : returns the file with another value of the number."""
 
     name: str
@@ -61,12 +61,12 @@ class BlockErrors(NamedTuple):
     sd: tuple[float, ...] = ()
 
 
-def list_added_numbers(machine: Machine, was: Machine) -> list[Number]:
+def list_added_numbers(machine: Machine, was: Machine) -> list[FileNumber]:
     """Return the numbers that a file has in addition to another: sizes of effects, coefficients of
     terms."""
     before, known = list_effect_sizes(was), set(was.terms)
     found = [
-        effect_number(name, machine, size)
+        make_effect_number(name, machine, size)
         for name, size in list_effect_sizes(machine).items()
         if size != before.get(name)
     ]
@@ -75,7 +75,7 @@ def list_added_numbers(machine: Machine, was: Machine) -> list[Number]:
     ]
 
 
-def effect_number(name: str, machine: Machine, size: float) -> Number:
+def make_effect_number(name: str, machine: Machine, size: float) -> FileNumber:
     entry = CATALOGUE[name]
     stage = getattr(machine, entry.stage)
     member = int(getattr(stage, entry.effect.member_field)) if entry.effect.member_field else None
@@ -83,23 +83,26 @@ def effect_number(name: str, machine: Machine, size: float) -> Number:
         name,
         machine.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral})}),
     )
-    return Number(
+    return FileNumber(
         name,
         size - entry.neutral,
-        STEP * abs(size - entry.neutral),
+        SLOPE_STEP_SHARE * abs(size - entry.neutral),
         low,
         high,
         lambda of, value: add_effect(of, name, min(high, max(low, value)), member),
     )
 
 
-def list_term_numbers(term: Term) -> list[Number]:
+def list_term_numbers(term: Term) -> list[FileNumber]:
     """Return the numbers of a term: its linear coefficients, or the values of a table."""
     spread = max(map(abs, term.values), default=0.0)
     knee = (
         [
             _make_number(
-                term, KNEE, term.coefficients["high_end"], STEP * term.coefficients["high_end"]
+                term,
+                KNEE_KEY,
+                term.coefficients["high_end"],
+                SLOPE_STEP_SHARE * term.coefficients["high_end"],
             )
         ]
         if is_knee_term(term)
@@ -108,12 +111,12 @@ def list_term_numbers(term: Term) -> list[Number]:
     return (
         knee
         + [
-            _make_number(term, name, value, STEP * abs(value))
+            _make_number(term, name, value, SLOPE_STEP_SHARE * abs(value))
             for name, value in term.coefficients.items()
-            if name in LINEAR and value != 0.0
+            if name in LINEAR_COEFFICIENTS and value != 0.0
         ]
         + [
-            _make_number(term, k, value, STEP * spread)
+            _make_number(term, k, value, SLOPE_STEP_SHARE * spread)
             for k, value in enumerate(term.values)
             if spread > 0.0
         ]
@@ -128,7 +131,7 @@ def is_knee_term(term: Term) -> bool:
     )
 
 
-def _make_number(term: Term, which: str | int, value: float, step: float) -> Number:
+def _make_number(term: Term, which: str | int, value: float, step: float) -> FileNumber:
     def turned(machine: Machine, to: float) -> Machine:
         terms = tuple(
             _change_coefficient(one, which, to) if one.id == term.id else one
@@ -136,13 +139,13 @@ def _make_number(term: Term, which: str | int, value: float, step: float) -> Num
         )
         return machine.model_copy(update={"terms": terms})
 
-    return Number(
-        f"{term.id}.{which}", value, step, 1e-6 if which == KNEE else -np.inf, np.inf, turned
+    return FileNumber(
+        f"{term.id}.{which}", value, step, 1e-6 if which == KNEE_KEY else -np.inf, np.inf, turned
     )
 
 
 def _change_coefficient(term: Term, which: str | int, to: float) -> Term:
-    if which == KNEE:
+    if which == KNEE_KEY:
         return term.model_copy(
             update={"coefficients": {**term.coefficients, "low_end": -to, "high_end": to}}
         )
@@ -152,18 +155,18 @@ def _change_coefficient(term: Term, which: str | int, to: float) -> Term:
 
 
 def calc_errors_by_channel(
-    on_log: OnLog, machine: Machine, channels: Sequence[str]
+    on_log: LogPredictor, machine: Machine, channels: Sequence[str]
 ) -> dict[str, Array]:
     """Return measured minus predicted, by channel."""
-    predicted = on_log.predicted(machine, channels)
-    return {name: on_log.errors(name, predicted[name]) for name in channels}
+    predicted = on_log.predict(machine, channels)
+    return {name: on_log.calc_errors(name, predicted[name]) for name in channels}
 
 
-def calc_slopes_of_numbers(
-    on_log: OnLog,
+def calc_number_slopes(
+    on_log: LogPredictor,
     machine: Machine,
     channels: Sequence[str],
-    numbers: Sequence[Number],
+    numbers: Sequence[FileNumber],
     left: dict[str, Array],
 ) -> dict[str, Array]:
     """Return the change of the prediction for one unit of each number, by channel: (m, numbers)."""
@@ -184,10 +187,10 @@ def calc_slopes_of_numbers(
 
 
 def calc_block_errors(
-    on_log: OnLog,
+    on_log: LogPredictor,
     machine: Machine,
     channels: Sequence[str],
-    numbers: Sequence[Number],
+    numbers: Sequence[FileNumber],
     usual: dict[str, float] | None = None,
     over: str = "",
 ) -> BlockErrors:
@@ -210,7 +213,7 @@ def calc_block_errors(
         return BlockErrors(
             rms, {name: average_by_block(left[name], cuts[name]) for name in channels}
         )
-    columns = calc_slopes_of_numbers(on_log, machine, channels, numbers, left)
+    columns = calc_number_slopes(on_log, machine, channels, numbers, left)
     weight = {
         name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name])))
         for name in channels
@@ -232,7 +235,7 @@ def calc_block_errors(
         )
         for b in range(len(cuts[channels[0]]))
     ]
-    ridge = RIDGE * np.eye(len(numbers))
+    ridge = RIDGE_SHARE * np.eye(len(numbers))
     normal, right = sum(n for n, _ in each), sum(r for _, r in each)
     whole = np.linalg.solve(normal + ridge, right)
     blocks: dict[str, list[float]] = {name: [] for name in channels}
@@ -254,14 +257,14 @@ def calc_block_errors(
 
 def cut_into_blocks(count: int) -> list[Rows]:
     """Return equal stretches of a series: blocks of time, or pieces of a staircase."""
-    edges = np.linspace(0, count, BLOCKS + 1).astype(int).tolist()
+    edges = np.linspace(0, count, BLOCK_COUNT + 1).astype(int).tolist()
     return [np.arange(a, b) for a, b in pairwise(edges)]
 
 
 def split_by_ranges(values: Array) -> list[Rows]:
     """Return the samples of each range of a variable (m,), with each level in one range: as many
     ranges as blocks, or fewer for fewer levels."""
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1]))
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCK_COUNT + 1)[1:-1]))
     within = np.searchsorted(edges, values, side="right")
     return [np.flatnonzero(within == k) for k in range(len(edges) + 1)]
 
@@ -290,5 +293,6 @@ def is_surely_positive(gain: Array, errors: float = 1.0) -> bool:
     counts.
     """
     return bool(
-        gain.mean() > (1.0 - LAST_BITS) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain))
+        gain.mean()
+        > (1.0 - ROUNDING_TOLERANCE) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain))
     )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.runs.channels import (
     make_channels,
     make_hopper_channel,
@@ -14,7 +14,7 @@ from topdress.control.diagnosis.runs.channels import (
     simulate_drive_rows,
 )
 from topdress.control.diagnosis.runs.drives import Drive
-from topdress.control.diagnosis.runs.held_out import FLOW_S, HeldOut, list_held_out_errors
+from topdress.control.diagnosis.runs.held_out import FLOW_WINDOW_S, HeldOut, list_held_out_errors
 from topdress.control.diagnosis.runs.hopper import sum_term_flows
 from topdress.control.diagnosis.runs.hypothesis import (
     Hypothesis,
@@ -23,7 +23,7 @@ from topdress.control.diagnosis.runs.hypothesis import (
     make_schedule,
 )
 from topdress.control.diagnosis.runs.inputs import make_log_rows, make_term_inputs
-from topdress.control.diagnosis.runs.log import Clean
+from topdress.control.diagnosis.runs.log import CleanLog
 from topdress.control.diagnosis.runs.model import shape_over_time
 from topdress.control.diagnosis.runs.stages import RunData
 from topdress.control.machine.compiled import run_term
@@ -41,13 +41,13 @@ Array = npt.NDArray[np.float64]
 Predict = Callable[[Schedule, float], Array]
 
 
-class OnLog:
+class LogPredictor:
     """A cleaned log with its channels, and the machine file of its diagnosis.
 
     seen : its channels by name. inputs : inputs of terms at every row (n,).
     """
 
-    def __init__(self, log: Clean, data: RunData, machine: Machine) -> None:
+    def __init__(self, log: CleanLog, data: RunData, machine: Machine) -> None:
         self.machine, self.data, self.settled = machine, data, log.held
         self._every = make_log_rows(log, machine)
         self.time_s = self._every.time_s
@@ -55,25 +55,27 @@ class OnLog:
             self.seen = make_channels(data, machine)
             self.inputs = make_term_inputs(log, self._every, machine)
 
-    def predicted(
+    def predict(
         self, machine: Machine, only: Collection[str] | None = None, parts: Hypothesis = ()
     ) -> dict[str, Array]:
         """Predict each channel: (m,) by channel. only : the channels to predict. parts : further
         effects, with their time course."""
         steady = tuple(part for part in parts if not part.grows)
-        found = self._run(machine, only, steady)
+        found = self._run_machine(machine, only, steady)
         for part in parts:
             if part.grows:
-                own = tuple(name for name in ROWS[part.id].channels if name in found)
-                grown = self._run(machine, own, (*steady, part._replace(onset_s=None, grows=False)))
-                without = self._run(machine, own, steady)
+                own = tuple(name for name in EFFECT_ROWS[part.id].channels if name in found)
+                grown = self._run_machine(
+                    machine, own, (*steady, part._replace(onset_s=None, grows=False))
+                )
+                without = self._run_machine(machine, own, steady)
                 for name in own:
                     found[name] = found[name] + shape_over_time(
                         grown[name] - without[name], self.seen[name], part
                     )
         return found
 
-    def errors(self, channel: str, predicted: Array) -> Array:
+    def calc_errors(self, channel: str, predicted: Array) -> Array:
         """Return measured minus predicted of a channel, in the unit of its published figure: of the
         scale the flow, which the scale is there to measure."""
         series = self.seen[channel]
@@ -89,21 +91,21 @@ class OnLog:
         values = self.inputs[variable]
         return values[np.minimum(np.searchsorted(self.time_s, time_s), len(values) - 1)]
 
-    def unit(self, channel: str) -> str:
+    def find_unit(self, channel: str) -> str:
         """Return the unit of a channel's errors."""
         return "kg/s" if channel == "scale" else self.seen[channel].unit
 
-    def noise(self, channel: str) -> float:
+    def calc_noise(self, channel: str) -> float:
         """Return the standard deviation of a channel's errors under a correct machine file, by the
         file's own values."""
         prior = self.seen[channel].prior
         # A flow is the difference of two readings.
-        of_two = np.sqrt(2.0) / FLOW_S if channel == "scale" else 1.0
+        of_two = np.sqrt(2.0) / FLOW_WINDOW_S if channel == "scale" else 1.0
         return float(
             of_two * np.sqrt(prior.fast_sd**2 * (1.0 + prior.slow_share**2) + prior.floor_sd**2)
         )
 
-    def _run(
+    def _run_machine(
         self, machine: Machine, only: Collection[str] | None, parts: Hypothesis
     ) -> dict[str, Array]:
         plan = make_schedule(list_stages(machine), parts)
@@ -161,4 +163,4 @@ class OnLog:
 
 def _predict_drive(drive: Drive) -> Predict:
     run = simulate_drive_rows(drive)
-    return lambda plan, step_s: drive.grid.of(run(plan, step_s)[:, 1])
+    return lambda plan, step_s: drive.grid.interpolate(run(plan, step_s)[:, 1])

@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.extend import (
     extend,
-    is_taken_whole,
-    not_adoptable,
-    term_not_adoptable,
+    find_cause_refusal,
+    find_term_refusal,
+    is_in_drive_fit,
 )
 from topdress.control.diagnosis.judgement.evidence import Z90
-from topdress.control.diagnosis.judgement.prior import NAMED
+from topdress.control.diagnosis.judgement.prior import MIN_NAMED_PROB
 from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
@@ -35,7 +35,7 @@ from topdress.control.diagnosis.result import (
     Unexplained,
 )
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
-from topdress.control.diagnosis.runs.model import GROUPS, hidden_within
+from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, calc_equivalent_sd
 from topdress.control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, list_effect_sizes
 from topdress.control.machine.terms import Term
@@ -49,27 +49,27 @@ from .blocks import (
     is_surely_positive,
     list_added_numbers,
 )
-from .on_log import OnLog
-from .rival import AGAIN, STAGE, find_rival, fit_machine_file
+from .on_log import LogPredictor
+from .rival import CHANNEL_STAGES, MAX_REFIT_STEPS, find_rival, fit_machine_file
 from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
 
 # Minimum ratio of mean square errors: a smaller difference does not matter in the field.
-CLEARLY = 1.1
+MIN_ERROR_RATIO = 1.1
 # Minimum difference in units of the sensor's noise by the machine file.
-LOUD = 1.0
+MIN_NOISE_RATIO = 1.0
 # Minimum difference in standard errors: 95 % of Student's t for eight blocks.
-SURE = 1.9
+MIN_STANDARD_ERRORS = 1.9
 # Maximum probability of a named cause where a model without the cause predicts clearly better.
-EVEN = 0.5
+MAX_RIVALLED_PROB = 0.5
 
-NOTHING_OFF: Mapping[str, float] = {}
+NO_OFFSETS: Mapping[str, float] = {}
 
-ALONE = (
+JOINT_FIT_TEXT = (
     "without what is left out it predicts this log no better than before: they were fitted together"
 )
-WORSE = "the log itself is predicted no better with it"
+NO_GAIN_TEXT = "the log itself is predicted no better with it"
 
 
 class Adoptable(NamedTuple):
@@ -96,7 +96,7 @@ class _TriedFile(NamedTuple):
 
 
 def select_predictive_causes(
-    on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
+    on_log: LogPredictor, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
 ) -> Adoptable:
     """Return the chosen causes (by id) with the diagnosis' terms, as far as the file with them
     predicts better than the file without.
@@ -108,7 +108,7 @@ def select_predictive_causes(
         causes=tuple(
             one
             for one in found.causes
-            if one.id in chosen and one.id in read_off and not not_adoptable(one)
+            if one.id in chosen and one.id in read_off and not find_cause_refusal(one)
         ),
         terms=(),
         fitted=None,
@@ -117,11 +117,11 @@ def select_predictive_causes(
     said: list[Predicted] = []
     for channels in _group_channels(on_log):
         own = _list_own_causes(found, channels, read_off)
-        every = [one for one in own if not not_adoptable(one)]
+        every = [one for one in own if not find_cause_refusal(one)]
         terms = tuple(
             one
             for one in found.terms
-            if _find_channel_of(one.stage) in channels and not term_not_adoptable(one)
+            if _find_channel_of(one.stage) in channels and not find_term_refusal(one)
         )
         whole = (
             found.fitted if found.fitted is not None and found.fitted.channel in channels else None
@@ -130,7 +130,7 @@ def select_predictive_causes(
         every = [
             one
             for one in every
-            if not is_taken_whole(found, one) and ROWS[one.id].channels[0] not in of_rival
+            if not is_in_drive_fit(found, one) and EFFECT_ROWS[one.id].channels[0] not in of_rival
         ]
         picked = tuple(one for one in every if one.id in chosen)
         if not picked and not terms and whole is None:
@@ -139,7 +139,10 @@ def select_predictive_causes(
             on_log, found, channels, picked, terms, whole, refit=len(picked) < len(every)
         )
         if best is None:
-            refused += [(one.id, ALONE if len(picked) < len(every) else WORSE) for one in picked]
+            refused += [
+                (one.id, JOINT_FIT_TEXT if len(picked) < len(every) else NO_GAIN_TEXT)
+                for one in picked
+            ]
             continue
         kept = replace(
             kept,
@@ -148,7 +151,7 @@ def select_predictive_causes(
             fitted=kept.fitted or best.fitted,
         )
         said += [
-            Predicted(name, on_log.unit(name), usual[name] ** 0.5, best.held.rms[name])
+            Predicted(name, on_log.find_unit(name), usual[name] ** 0.5, best.held.rms[name])
             for name in channels
         ]
     order = [cause.id for cause in found.causes]
@@ -156,29 +159,34 @@ def select_predictive_causes(
     return Adoptable(kept, tuple(refused), tuple(said))
 
 
-def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Diagnosis:
+def validate_prediction(
+    on_log: LogPredictor, found: Diagnosis, read_off: Collection[str]
+) -> Diagnosis:
     """Compare a diagnosis with the predictions of its file and of the plain rival, and correct the
     report."""
-    decided = [one.id for one in found.causes if one.probability >= NAMED and not one.rivals]
+    decided = [
+        one.id for one in found.causes if one.probability >= MIN_NAMED_PROB and not one.rivals
+    ]
     taken = select_predictive_causes(on_log, found, decided, read_off)
     worse = {name for name, _ in taken.refused}
     kept = {one.term["id"] for one in taken.found.terms}
     found = replace(
         found,
         causes=tuple(
-            _limit_probability(one, EVEN) if one.id in worse else one for one in found.causes
+            _limit_probability(one, MAX_RIVALLED_PROB) if one.id in worse else one
+            for one in found.causes
         ),
         terms=tuple(
             one
-            if one.term["id"] in kept or term_not_adoptable(one)
-            else replace(one, refused=WORSE)
+            if one.term["id"] in kept or find_term_refusal(one)
+            else replace(one, refused=NO_GAIN_TEXT)
             for one in found.terms
         ),
     )
     predicted, left = [], [*found.unexplained]
     findings = [f"{name}: {why}: it is only suspected" for name, why in taken.refused]
     for channel in (name for channels in _group_channels(on_log) for name in channels):
-        found, one, more = _against_rival(on_log, found, taken.found, channel, read_off)
+        found, one, more = _compare_with_rival(on_log, found, taken.found, channel, read_off)
         predicted.append(one)
         left += [
             each
@@ -203,8 +211,10 @@ def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[st
 # The following functions select the content of a file.
 
 
-def _group_channels(on_log: OnLog) -> list[tuple[str, ...]]:
-    found = [tuple(name for name in names if name in on_log.seen) for names in GROUPS.values()]
+def _group_channels(on_log: LogPredictor) -> list[tuple[str, ...]]:
+    found = [
+        tuple(name for name in names if name in on_log.seen) for names in CHANNEL_GROUPS.values()
+    ]
     return [one for one in found if one]
 
 
@@ -214,18 +224,18 @@ def _list_own_causes(
     return [
         one
         for one in found.causes
-        if ROWS[one.id].channels[:1]
-        and ROWS[one.id].channels[0] in channels
+        if EFFECT_ROWS[one.id].channels[:1]
+        and EFFECT_ROWS[one.id].channels[0] in channels
         and one.id not in read_off
     ]
 
 
 def _find_channel_of(stage: str) -> str:
-    return next((channel for channel, name in STAGE.items() if name == stage), stage)
+    return next((channel for channel, name in CHANNEL_STAGES.items() if name == stage), stage)
 
 
 def _find_best_file(
-    on_log: OnLog,
+    on_log: LogPredictor,
     found: Diagnosis,
     channels: tuple[str, ...],
     causes: tuple[Cause, ...],
@@ -268,7 +278,7 @@ def _find_best_file(
 
 
 def _try_file(
-    on_log: OnLog,
+    on_log: LogPredictor,
     found: Diagnosis,
     channels: tuple[str, ...],
     causes: tuple[Cause, ...],
@@ -284,7 +294,7 @@ def _try_file(
             extend(machine, replace(found, causes=causes, terms=terms, fitted=whole))
         )
         if refit and list_added_numbers(file, machine):
-            file = round_trip_machine(fit_machine_file(on_log, channels, file, AGAIN))
+            file = round_trip_machine(fit_machine_file(on_log, channels, file, MAX_REFIT_STEPS))
     except ValueError:
         return None
     numbers = list_added_numbers(file, machine)
@@ -326,8 +336,12 @@ def _resize_cause(cause: Cause, size: float, sd: float) -> Cause:
 # The following functions correct the report.
 
 
-def _against_rival(
-    on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: str, read_off: Collection[str]
+def _compare_with_rival(
+    on_log: LogPredictor,
+    found: Diagnosis,
+    taken: Diagnosis,
+    channel: str,
+    read_off: Collection[str],
 ) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
     """Compare the diagnosis with the plain rival of one channel.
 
@@ -341,22 +355,29 @@ def _against_rival(
     )
     usual = {channel: max(1e-300, nothing.rms[channel] ** 2)}
     errors = Predicted(
-        channel, on_log.unit(channel), nothing.rms[channel], file.rms[channel], said.rms[channel]
+        channel,
+        on_log.find_unit(channel),
+        nothing.rms[channel],
+        file.rms[channel],
+        said.rms[channel],
     )
     own = [
         one
         for one in _list_own_causes(found, (channel,), read_off)
-        if ROWS[one.id].channels[0] == channel
+        if EFFECT_ROWS[one.id].channels[0] == channel
     ]
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
-    if min(said.rms[channel], file.rms[channel]) ** 2 <= (1.0 + LOUD) * on_log.noise(channel) ** 2:
+    if (
+        min(said.rms[channel], file.rms[channel]) ** 2
+        <= (1.0 + MIN_NOISE_RATIO) * on_log.calc_noise(channel) ** 2
+    ):
         # No rival can lead by as much as the noise.
         return found, errors, []
     rival = find_rival(on_log, channel)
     if rival is None:
         return found, errors, []
     within = {
-        name: MAX_OFFSET_SD * hidden_within(name, on_log.machine) for name, _, _ in rival.sizes
+        name: MAX_OFFSET_SD * calc_equivalent_sd(name, on_log.machine) for name, _, _ in rival.sizes
     }
     sound = {
         name: float(np.clip(size, -within[name], within[name]))
@@ -372,13 +393,15 @@ def _against_rival(
         )
         file = file if open_ else min(file, said, key=lambda one: one.rms[channel])
     errors = replace(
-        errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ())
+        errors,
+        rival=rival.held.rms[channel],
+        over=rival.variable_names or _COMMAND_VARIABLES.get(channel, ()),
     )
     over_said, over_file = (
         calc_gain_by_block(rival.held, said, usual),
         calc_gain_by_block(rival.held, file, usual),
     )
-    noise = LOUD * on_log.noise(channel) ** 2 / usual[channel]
+    noise = MIN_NOISE_RATIO * on_log.calc_noise(channel) ** 2 / usual[channel]
     ahead = _is_clear_gain(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
     stands = any(one.id in {cause.id for cause in taken.causes} for one in own) or any(
         _find_channel_of(one.stage) == channel for one in taken.terms
@@ -398,7 +421,9 @@ def _against_rival(
         causes = [_resize_cause(one, *sizes[one.id]) if one in own else one for one in found.causes]
     else:
         causes = [
-            _limit_probability(one, min(EVEN, 1.0 - share)) if one in own and ahead else one
+            _limit_probability(one, min(MAX_RIVALLED_PROB, 1.0 - share))
+            if one in own and ahead
+            else one
             for one in found.causes
         ]
     found = replace(
@@ -412,7 +437,9 @@ def _against_rival(
     )
     left = (
         [
-            Unexplained(channel, name, share, said.rms[channel], on_log.noise(channel), errors.unit)
+            Unexplained(
+                channel, name, share, said.rms[channel], on_log.calc_noise(channel), errors.unit
+            )
             for name in errors.over
         ]
         if ahead and not agree
@@ -421,21 +448,21 @@ def _against_rival(
     return found, errors, left
 
 
-_OWN = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
+_COMMAND_VARIABLES = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 
 
 def _is_clear_gain(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
-    return is_surely_positive(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(
-        other.blocks[channel].mean()
-    )
+    return is_surely_positive(gain, MIN_STANDARD_ERRORS) and one.rms[
+        channel
+    ] ** 2 > MIN_ERROR_RATIO * float(other.blocks[channel].mean())
 
 
 def _calc_errors_of_report(
-    on_log: OnLog,
+    on_log: LogPredictor,
     found: Diagnosis,
     channel: str,
     read_off: Collection[str],
-    sound: Mapping[str, float] = NOTHING_OFF,
+    sound: Mapping[str, float] = NO_OFFSETS,
 ) -> BlockErrors:
     """Return the errors of all reported results, including those of this run alone. sound : offsets
     of nominal values within the machine file's tolerances."""
@@ -451,7 +478,7 @@ def _calc_errors_of_report(
         for one in found.causes
         if one.size.value is not None
         and one.id not in read_off
-        and channel in ROWS[one.id].channels
+        and channel in EFFECT_ROWS[one.id].channels
     )
     parts = (*parts, *(EffectInstance(name, size) for name, size in sound.items()))
     terms = tuple(
@@ -460,14 +487,14 @@ def _calc_errors_of_report(
         if _find_channel_of(one.stage) == channel
     )
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
-    left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
+    left = on_log.calc_errors(channel, on_log.predict(machine, (channel,), parts)[channel])
     return BlockErrors(
         {channel: float(np.sqrt(np.mean(left**2))) if len(left) else 0.0},
         {channel: average_by_block(left, cut_into_blocks(len(left)))},
     )
 
 
-def _calc_errors_of_file(on_log: OnLog, taken: Diagnosis, channel: str) -> BlockErrors:
+def _calc_errors_of_file(on_log: LogPredictor, taken: Diagnosis, channel: str) -> BlockErrors:
     file = extend(on_log.machine, taken)
     return calc_block_errors(
         on_log,
@@ -485,16 +512,20 @@ def _limit_probability(cause: Cause, most: float) -> Cause:
     return replace(cause, probability=most, rivals=(*rivals, Rival(UNKNOWN, 1.0 - most)))
 
 
-def _fit_rival(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> UnattributedDriveFit:
+def _fit_rival(
+    on_log: LogPredictor, rival: PlainRival, nothing: BlockErrors
+) -> UnattributedDriveFit:
     sizes = tuple(
         (name, Size(size, size - Z90 * sd, size + Z90 * sd, describe_unit(name, on_log.machine)))
         for name, size, sd in rival.sizes
     )
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))
-    return UnattributedDriveFit("shaft", sizes, before, after, on_log.unit("shaft"))
+    return UnattributedDriveFit("shaft", sizes, before, after, on_log.find_unit("shaft"))
 
 
-def _make_term_found(on_log: OnLog, term: Term, rival: PlainRival, share: float) -> TermFound:
+def _make_term_found(
+    on_log: LogPredictor, term: Term, rival: PlainRival, share: float
+) -> TermFound:
     return TermFound(
         term.model_dump(mode="json"), term.stage, term.unit, share, 0.0, 0.0, share, (), True
     )

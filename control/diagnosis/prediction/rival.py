@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import (
-    ROWS,
+    EFFECT_ROWS,
     SHAFT_BACK_GAIN,
     SHAFT_BACK_ZONE,
     SHAFT_DEAD_TIME,
@@ -30,9 +30,9 @@ from topdress.control.diagnosis.effects import (
     find_size_range,
 )
 from topdress.control.diagnosis.extend import find_free_id
-from topdress.control.diagnosis.runs.drives import Drive, read_off_zero
+from topdress.control.diagnosis.runs.drives import Drive, measure_zero_offset
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
-from topdress.control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
+from topdress.control.diagnosis.runs.smooth import DOWNSTREAM_VARIABLES, MIN_RANGE, NOMINAL_RANGES
 from topdress.control.machine.form import ANGLES
 from topdress.control.machine.forms import Form
 from topdress.control.machine.machine import (
@@ -51,68 +51,68 @@ from topdress.control.machine.terms import (
 )
 
 from .blocks import (
-    KNEE,
+    KNEE_KEY,
     BlockErrors,
     calc_block_errors,
     calc_errors_by_channel,
     calc_gain_by_block,
-    calc_slopes_of_numbers,
+    calc_number_slopes,
     is_surely_positive,
     list_added_numbers,
     list_term_numbers,
 )
-from .on_log import OnLog
+from .on_log import LogPredictor
 
 Array = npt.NDArray[np.float64]
 
-CURVES = (
+CURVE_SETS = (
     (SHAFT_GAIN.id,),
     (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
     (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id),
-    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE),
+    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE_KEY),
 )
-OFF_ZERO = (
+OFF_ZERO_SETS = (
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id),
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_DEAD_ZONE.id),
     # These curves are for shafts that stand at another command than 0.
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_SATURATION.id),
 )
-BACKWARDS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
-MOVES = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
+REVERSE_EFFECTS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
+DYNAMIC_EFFECTS = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
 # Start values of a dead zone, as shares of the full command: 5 to 25 % are usual for motors with
 # duty-cycle control.
-ZONES = (0.05, 0.2)
+START_ZONES = (0.05, 0.2)
 # Start values of other numbers, as a share of the usual size: inside the bounds, where every slope
 # exists.
-STARTS_AT = 0.2
+START_SHARE = 0.2
 # Difference for a slope, as a share of the usual size.
-NUDGE = 0.01
+SLOPE_STEP_SHARE = 0.01
 # Maximum number of steps of a fit, and of a continued fit.
-RUNS, AGAIN = 25, 6
+MAX_FIT_STEPS, MAX_REFIT_STEPS = 25, 6
 # Relative tolerance of the error and of the numbers at which a fit has converged.
-FINE = 1e-4
+FIT_TOLERANCE = 1e-4
 # Number of classes by which a log's speeds are counted.
-SHARES = 6
+SPEED_CLASS_COUNT = 6
 # Maximum number of lines of a rival.
-MOST_LINES = 3
+MAX_LINES = 3
 # Maximum number of steps of the forward selection.
-MOST_STEPS = MOST_LINES + 1
+MAX_STEPS = MAX_LINES + 1
 # Percentiles of a variable between which its line is valid: single cells lie beyond.
-ENDS = (0.5, 99.5)
+LINE_PERCENTILES = (0.5, 99.5)
 # Minimum share of the residual that a line explains.
-LEAST_SHARE = 1e-3
+MIN_LINE_SHARE = 1e-3
 # Level of a line at its middle for its slope, which is linear in the level.
-LEVEL = 1.0
+LEVEL_STEP = 1.0
 # Maximum length of a term's id, letters; the rest is for a number where the name is already
 # adopted.
-LONGEST_ID = 76
-ACTS: dict[str, tuple[TermTarget, ...]] = {
+MAX_ID_LETTERS = 76
+CHANNEL_TARGETS: dict[str, tuple[TermTarget, ...]] = {
     "shaft": (TermTarget.SHAFT_RPM, TermTarget.SHAFT_PERCENT),
     "gate": (TermTarget.GATE_MM,),
     "scale": (TermTarget.FLOW_PERCENT,),
     "speed": (TermTarget.WHEEL_PERCENT,),
 }
-STAGE = {"scale": "flow"}
+CHANNEL_STAGES = {"scale": "flow"}
 
 
 class PlainRival(NamedTuple):
@@ -125,14 +125,14 @@ class PlainRival(NamedTuple):
     terms: tuple[Term, ...]
 
     @property
-    def over(self) -> tuple[str, ...]:
+    def variable_names(self) -> tuple[str, ...]:
         """Return the variables of the lines."""
         return tuple(dict.fromkeys(name for term in self.terms for name in term.variable_names))
 
 
-def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
+def find_rival(on_log: LogPredictor, channel: str) -> PlainRival | None:
     """Fit the rival of a channel; None where no rival is better than the unchanged machine file."""
-    if channel not in ACTS:
+    if channel not in CHANNEL_TARGETS:
         return None
     nothing = calc_block_errors(on_log, on_log.machine, (channel,), ())
     usual = {channel: nothing.rms[channel] ** 2}
@@ -141,10 +141,10 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     machine, best = on_log.machine, nothing
     lines: list[Term] = []
     curved = channel != "shaft"
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         tried = None if curved else _choose_drive_curve(on_log, machine, best, usual)
         curved = curved or tried is not None
-        if tried is None and len(lines) < MOST_LINES:
+        if tried is None and len(lines) < MAX_LINES:
             line = _find_best_line(on_log, channel, machine, lines)
             if (
                 line is not None
@@ -177,7 +177,7 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
 
 
 def _add_best_line(
-    on_log: OnLog,
+    on_log: LogPredictor,
     channel: str,
     machine: Machine,
     line: Term,
@@ -187,7 +187,7 @@ def _add_best_line(
     """Return a file with a further line and all numbers refitted; None where that is not
     significantly better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
-    tried = fit_machine_file(on_log, (channel,), tried, AGAIN)
+    tried = fit_machine_file(on_log, (channel,), tried, MAX_REFIT_STEPS)
     after = calc_block_errors(
         on_log, tried, (channel,), list_added_numbers(tried, on_log.machine), usual
     )
@@ -196,14 +196,14 @@ def _add_best_line(
         channel,
         tried,
         machine,
-        name_own_command(STAGE.get(channel, channel), line.variable_names[0]),
+        name_own_command(CHANNEL_STAGES.get(channel, channel), line.variable_names[0]),
         usual,
     )
     return (tried, after) if stands else None
 
 
 def _is_better_over_ranges(
-    on_log: OnLog,
+    on_log: LogPredictor,
     channel: str,
     machine: Machine,
     without: Machine,
@@ -222,7 +222,7 @@ def _is_better_over_ranges(
 
 
 def fit_machine_file(
-    on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int
+    on_log: LogPredictor, channels: Sequence[str], machine: Machine, runs: int
 ) -> Machine:
     """Fit the additional numbers of a file by least squares over all rows, with channels weighed by
     the residual of the log's own file."""
@@ -236,7 +236,7 @@ def fit_machine_file(
     }
     low, high = np.array([(number.low, number.high) for number in numbers]).T
     start = np.array([number.value for number in numbers])
-    scale = np.array([max(number.step, 1e-12) / NUDGE for number in numbers])
+    scale = np.array([max(number.step, 1e-12) / SLOPE_STEP_SHARE for number in numbers])
 
     def at(values: Array) -> Machine:
         turned = machine
@@ -258,7 +258,7 @@ def fit_machine_file(
             for number, value in zip(numbers, values, strict=True)
         ]
         now = at(values)
-        columns = calc_slopes_of_numbers(
+        columns = calc_number_slopes(
             on_log, now, channels, there, calc_errors_by_channel(on_log, now, channels)
         )
         return -np.concatenate([weight[name] * columns[name] for name in channels])
@@ -270,8 +270,8 @@ def fit_machine_file(
         (low, high),
         x_scale=scale,
         max_nfev=runs,
-        ftol=FINE,
-        xtol=FINE,
+        ftol=FIT_TOLERANCE,
+        xtol=FIT_TOLERANCE,
     )
     return at(found.x)
 
@@ -279,7 +279,7 @@ def fit_machine_file(
 # The following functions fit the curve of a drive.
 
 
-def find_curves(on_log: OnLog) -> list[Hypothesis]:
+def find_curves(on_log: LogPredictor) -> list[Hypothesis]:
     """Return curves of an open-loop drive with lag and dead time, from few numbers to all, as
     hypotheses.
 
@@ -287,7 +287,7 @@ def find_curves(on_log: OnLog) -> list[Hypothesis]:
     """
     if on_log.data.shaft is None:
         return []
-    sets = [names for names in _list_parameter_sets(on_log) if KNEE not in names]
+    sets = [names for names in _list_parameter_sets(on_log) if KNEE_KEY not in names]
     was, found = list_effect_sizes(on_log.machine), []
     if any(SHAFT_DEAD_ZONE.id in names for names in sets):
         for names, (_, file) in _fit_parameter_sets(on_log, on_log.machine, sets).items():
@@ -296,14 +296,14 @@ def find_curves(on_log: OnLog) -> list[Hypothesis]:
                 tuple(
                     EffectInstance(name, now.get(name, 0.0) - was.get(name, 0.0))
                     for name in names
-                    if name not in MOVES
+                    if name not in DYNAMIC_EFFECTS
                 )
             ]
     return found
 
 
 def _choose_drive_curve(
-    on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]
+    on_log: LogPredictor, machine: Machine, best: BlockErrors, usual: dict[str, float]
 ) -> tuple[Machine, BlockErrors] | None:
     """Return the simplest set of the drive's own numbers within one standard error of the best;
     None where no set is significantly better than a file without."""
@@ -329,7 +329,7 @@ def _choose_drive_curve(
 
 
 def _fit_parameter_sets(
-    on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
+    on_log: LogPredictor, machine: Machine, sets: Sequence[tuple[str, ...]]
 ) -> dict[tuple[str, ...], tuple[float, Machine]]:
     """Fit each set of a drive's own numbers, from few to all, and return the residual sum of
     squares with the file. Each fit starts from the best smaller set."""
@@ -341,11 +341,11 @@ def _fit_parameter_sets(
         )
         new = [name for name in names if name not in smaller]
         files = []
-        for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
+        for share in START_ZONES if SHAFT_DEAD_ZONE.id in new else START_ZONES[:1]:
             file = _make_starting_machine(
                 found[smaller][1] if smaller else machine, on_log.data.shaft, new, share
             )
-            file = fit_machine_file(on_log, ("shaft",), file, RUNS)
+            file = fit_machine_file(on_log, ("shaft",), file, MAX_FIT_STEPS)
             files.append(
                 (
                     float(np.sum(calc_errors_by_channel(on_log, file, ("shaft",))["shaft"] ** 2)),
@@ -362,7 +362,7 @@ def _make_starting_machine(
     """Return a file with start values. share : start value of a dead zone as a share of the
     range."""
     for name in names:
-        if name == KNEE:
+        if name == KNEE_KEY:
             assert drive is not None
             half = 0.5 * float(np.max(np.abs(drive.command)))
             knee = Term.model_validate(
@@ -381,23 +381,23 @@ def _make_starting_machine(
         size = (
             share * machine.limits.shaft_high_rpm
             if zone
-            else STARTS_AT * ROWS[name].on(machine).usual
+            else START_SHARE * EFFECT_ROWS[name].scale_to_machine(machine).usual
         )
         machine = add_effect(machine, name, min(high, max(low, size)))
     return machine
 
 
-def _list_parameter_sets(on_log: OnLog) -> list[tuple[str, ...]]:
+def _list_parameter_sets(on_log: LogPredictor) -> list[tuple[str, ...]]:
     """Return names of numbers that are fitted together, from few to all: for a curve no more than
     the number of commanded speeds."""
     drive, machine = on_log.data.shaft, on_log.machine
     assert drive is not None
-    speeds = len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, SHARES))))
-    back = BACKWARDS if np.min(drive.command) < 0.0 < np.max(drive.command) else ()
-    moves = () if drive.settled or speeds < 2 else MOVES
-    curves = CURVES if machine.shaft.regulated <= 0.0 else CURVES[:1]
-    if machine.shaft.regulated <= 0.0 and read_off_zero(drive, machine).off:
-        curves = (*curves, *OFF_ZERO)
+    speeds = len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, SPEED_CLASS_COUNT))))
+    back = REVERSE_EFFECTS if np.min(drive.command) < 0.0 < np.max(drive.command) else ()
+    moves = () if drive.settled or speeds < 2 else DYNAMIC_EFFECTS
+    curves = CURVE_SETS if machine.shaft.regulated <= 0.0 else CURVE_SETS[:1]
+    if machine.shaft.regulated <= 0.0 and measure_zero_offset(drive, machine).off:
+        curves = (*curves, *OFF_ZERO_SETS)
     found = [moves] if moves else []
     for curve in curves:
         found += [(*curve, *moves), *([(*curve, *back, *moves)] if back and len(curve) > 1 else [])]
@@ -410,22 +410,22 @@ def _list_parameter_sets(on_log: OnLog) -> list[tuple[str, ...]]:
 
 
 def _find_best_line(
-    on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]
+    on_log: LogPredictor, channel: str, machine: Machine, before: Sequence[Term]
 ) -> Term | None:
     """Return the line that explains most of a file's residual; None where no line explains
     enough."""
     left = calc_errors_by_channel(on_log, machine, (channel,))
-    known = calc_slopes_of_numbers(
+    known = calc_number_slopes(
         on_log, machine, (channel,), list_added_numbers(machine, on_log.machine), left
     )[channel]
     free = np.linalg.qr(known)[0] if known.shape[1] else np.empty((len(left[channel]), 0))
     rest = left[channel] - free @ (free.T @ left[channel])
-    best, most = None, LEAST_SHARE * float(np.sum(rest**2))
+    best, most = None, MIN_LINE_SHARE * float(np.sum(rest**2))
     numbers = [number.name for number in list_added_numbers(machine, on_log.machine)]
     for term in _list_lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
         tried = machine.model_copy(update={"terms": (*machine.terms, term)})
         own = list_term_numbers(term)
-        columns = calc_slopes_of_numbers(
+        columns = calc_number_slopes(
             on_log, tried, (channel,), own, calc_errors_by_channel(on_log, tried, (channel,))
         )[channel]
         columns = columns - free @ (free.T @ columns)
@@ -443,18 +443,18 @@ def _find_best_line(
 
 
 def _list_lines(
-    on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
+    on_log: LogPredictor, channel: str, before: Sequence[Term], level_open: bool
 ) -> list[Term]:
     """Return lines over every recorded variable, of a detectable size. level_open : whether no
     other number is their level."""
-    stage, machine = STAGE.get(channel, channel), on_log.machine
+    stage, machine = CHANNEL_STAGES.get(channel, channel), on_log.machine
     taken = {(term.acts_on, term.variable_names) for term in before}
     never = {
         "time_s",
         *ANGLES,
         COMMANDED_RPM,
         COMMANDED_MM,
-        *DOWNSTREAM[stage],
+        *DOWNSTREAM_VARIABLES[stage],
         *(("shaft_rpm",) if channel == "shaft" else ()),
     }
     found = []
@@ -462,12 +462,15 @@ def _list_lines(
         values = on_log.inputs.get(name_own_command(stage, name), np.empty(0))
         if name in never or not len(values) or not np.isfinite(values).all():
             continue
-        low, middle, high = (float(one) for one in np.percentile(values, (ENDS[0], 50.0, ENDS[1])))
+        low, middle, high = (
+            float(one)
+            for one in np.percentile(values, (LINE_PERCENTILES[0], 50.0, LINE_PERCENTILES[1]))
+        )
         if not high - low > max(
-            1e-9, scale_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
+            1e-9, scale_nominal(machine, NOMINAL_RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
         ):
             continue
-        level = {"level": LEVEL} if level_open else {}
+        level = {"level": LEVEL_STEP} if level_open else {}
         found += [
             _make_line_term(
                 machine,
@@ -477,7 +480,7 @@ def _list_lines(
                 {"slope": 1.0 / (high - low), "at": middle, **level},
                 (low, high),
             )
-            for acts in ACTS[channel]
+            for acts in CHANNEL_TARGETS[channel]
             if (acts, (name,)) not in taken
         ]
     return found
@@ -491,7 +494,7 @@ def _make_line_term(
     coefficients: dict[str, float],
     valid: tuple[float, float],
 ) -> Term:
-    plain = re.sub(r"[^a-z0-9_.]+", "", f"{stage}.line_{name}".lower())[:LONGEST_ID]
+    plain = re.sub(r"[^a-z0-9_.]+", "", f"{stage}.line_{name}".lower())[:MAX_ID_LETTERS]
     return Term.model_validate(
         {
             "id": find_free_id(plain, [term.id for term in machine.terms]),

@@ -8,11 +8,11 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from topdress.control.diagnosis.effects import ROWS, FoundBy
-from topdress.control.diagnosis.extend import extend, not_adoptable
-from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.effects import EFFECT_ROWS, FoundBy
+from topdress.control.diagnosis.extend import extend, find_cause_refusal
+from topdress.control.diagnosis.prediction.on_log import LogPredictor
 from topdress.control.diagnosis.prediction.predictive_validation import (
-    WORSE,
+    NO_GAIN_TEXT,
     Adoptable,
     select_predictive_causes,
 )
@@ -20,7 +20,7 @@ from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.machine.machine import CATALOGUE
 
 from .compared import compared
-from .diagnose import series_of_log
+from .diagnose import prepare_log
 
 
 def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
@@ -41,32 +41,34 @@ def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
     Adoptable
         The diagnosis with the adoptable causes, and each refused name with its reason.
     """
-    kept = tuple(cause for cause in found.causes if cause.id in chosen and not not_adoptable(cause))
+    kept = tuple(
+        cause for cause in found.causes if cause.id in chosen and not find_cause_refusal(cause)
+    )
     if found.seen_with is None or found.data.kind != "run":
         return Adoptable(replace(found, causes=kept), ())
     columns, machine = found.seen_with
-    log, data, read_off = series_of_log(columns, machine)
+    log, data, read_off = prepare_log(columns, machine)
     with np.errstate(all="ignore"):
         taken = select_predictive_causes(
-            OnLog(log, data, machine), found, chosen, {one.part.id for one in read_off}
+            LogPredictor(log, data, machine), found, chosen, {one.part.id for one in read_off}
         )
-    worse = [one.id for one in taken.found.causes if not _reads_better(found, one)]
+    worse = [one.id for one in taken.found.causes if not predicts_no_worse(found, one)]
     return taken._replace(
         found=replace(
             taken.found, causes=tuple(one for one in taken.found.causes if one.id not in worse)
         ),
-        refused=(*taken.refused, *((name, WORSE) for name in worse)),
+        refused=(*taken.refused, *((name, NO_GAIN_TEXT) for name in worse)),
     )
 
 
-def _reads_better(found: Diagnosis, cause: Cause) -> bool:
+def predicts_no_worse(found: Diagnosis, cause: Cause) -> bool:
     """Tell whether a cause found before the search predicts its rows no worse than without the
     cause.
 
     Only encoder steps can fail here. Steps in a prediction help where the prediction is within a
     step of the true speed, and add their own rounding error where the prediction is not.
     """
-    if ROWS[cause.id].found_by is not FoundBy.STEPS or found.seen_with is None:
+    if EFFECT_ROWS[cause.id].found_by is not FoundBy.STEPS or found.seen_with is None:
         return True
     columns, machine = found.seen_with
     seen = compared(

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.evidence import (
     Column,
     adapt_noise,
@@ -28,11 +28,11 @@ from topdress.control.diagnosis.judgement.evidence import (
     limit_slow_noise,
     make_evidence_problem,
 )
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients
+from topdress.control.diagnosis.judgement.noise import Noise, calc_coefficients
 from topdress.control.machine.machine import CATALOGUE
 
 from .channels import ChannelSeries
-from .columns import Columns
+from .columns import HypothesisColumns
 from .hypothesis import EffectInstance, Hypothesis
 from .model import apply_course, calc_part_course, is_cumulative
 from .search import Candidate, ScoreTest
@@ -42,28 +42,28 @@ Array = npt.NDArray[np.float64]
 
 # Numbers of onset times at which the information is calculated exactly: first coarsely, then finely
 # where the gain (in twice the log-likelihood) may matter.
-TIMES = (3, 8)
+EXACT_TIME_COUNTS = (3, 8)
 # Gain, in twice the log-likelihood, from which more onset times are tried. The value is below the
 # prior price of any onset.
-MAY_MATTER = 6.0
+MIN_REFINED_GAIN = 6.0
 # Number of times in the log's length at which a temporary effect may begin or end in the first
 # grid.
-EDGES = 13
+COARSE_EDGE_COUNT = 13
 # Number of interpolated times that are tried for each time of the first grid.
-BETWEEN = 12
+INTERPOLATED_TIMES = 12
 # Factor by which the grid of times is refined, applied twice.
-FINER = 4
+REFINEMENT_FACTOR = 4
 # Number of best candidates, among those that change the same channels, whose times are refined.
-FEW = 4
+MAX_REFINED_CANDIDATES = 4
 
 # No change point is searched for within this time of either end of the log, s.
-END_S = 8.0
+EDGE_MARGIN_S = 8.0
 # Minimum duration of an effect that ends again, s: a shorter stretch of the log is too little
 # evidence.
 MIN_SPAN_S = 20.0
 
 
-class Tried(NamedTuple):
+class CandidateTraces(NamedTuple):
     """A candidate effect with the traces of one unit of the effect over the whole log."""
 
     candidate: Candidate
@@ -81,7 +81,7 @@ class Tried(NamedTuple):
 
 
 def find_best_changes(
-    columns: Columns,
+    columns: HypothesisColumns,
     parts: Hypothesis,
     noise: dict[str, Noise],
     tried: Sequence[Candidate],
@@ -94,14 +94,14 @@ def find_best_changes(
     in twice the log-likelihood. With `temporary`, effects that begin and end are tested as well,
     each at its best pair of times.
     """
-    begins = that_may_begin(tried)
+    begins = select_onset_candidates(tried)
     if not begins:
         return []
-    traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
+    traces = [columns.model.calc_difference(parts, candidate.part) for candidate in begins]
     channels, banded, base = (
         columns.model.channels,
-        columns.model.banded_residual(parts),
-        columns.of_hypothesis(parts),
+        columns.model.calc_banded_residual(parts),
+        columns.list_columns(parts),
     )
     p, every = make_evidence_problem(channels, banded, base), np.arange(len(base))
     fit = choose_better_fit(p, every, noise, channels)
@@ -116,15 +116,15 @@ def find_best_changes(
     )
 
 
-def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
+def select_onset_candidates(tried: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that may begin in the middle of a log."""
     return [
         c
         for c in tried
         if c.part.onset_s is None
-        and ROWS[c.part.id].may_begin
+        and EFFECT_ROWS[c.part.id].may_begin
         and not CATALOGUE[c.part.id].effect.onset_only
-        and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)
+        and (EFFECT_ROWS[c.part.id].has_slope or EFFECT_ROWS[c.part.id].threshold)
     ]
 
 
@@ -136,8 +136,8 @@ def find_best_onsets(
     begins: Sequence[Candidate],
     traces: Sequence[dict[str, Array]],
     *,
-    matters: float = MAY_MATTER,
-    end_s: float = END_S,
+    matters: float = MIN_REFINED_GAIN,
+    end_s: float = EDGE_MARGIN_S,
     temporary: bool = False,
     behind: Sequence[float] = (0.0, 0.0),
 ) -> list[ScoreTest]:
@@ -165,16 +165,16 @@ def find_best_onsets(
         Log evidence of each noise model, below that of the best model.
     """
     residuals = [WhitenedResidual(channels, banded, base, noise) for noise in under]
-    weighted = [{c.name: residual.weighted(c) for c in channels} for residual in residuals]
+    weighted = [{c.name: residual.weigh_residual(c) for c in channels} for residual in residuals]
     found, spans = (
         list[tuple[int, ScoreTest]](),
-        dict[tuple[Any, ...], list[tuple[ScoreTest, Tried, Array]]](),
+        dict[tuple[Any, ...], list[tuple[ScoreTest, CandidateTraces, Array]]](),
     )
     for candidate, trace in zip(begins, traces, strict=True):
         there = tuple(c for c in channels if c.name in trace)
         if not there:
             continue
-        one = Tried(
+        one = CandidateTraces(
             candidate,
             there,
             tuple(is_cumulative(candidate.part, c.name) for c in there),
@@ -184,7 +184,7 @@ def find_best_onsets(
         scores = _calc_onset_scores(weighted, one, grows=False)
         found += _find_begin_times(residuals, one, scores, within, matters, grows=False)
         # A threshold effect is not proportional to its size, so its growth has no fixed trace.
-        if ROWS[candidate.part.id].threshold:
+        if EFFECT_ROWS[candidate.part.id].threshold:
             continue
         found += _find_begin_times(
             residuals,
@@ -196,7 +196,13 @@ def find_best_onsets(
         )
         if temporary and within[1] - within[0] >= 2.0 * MIN_SPAN_S:
             for at, span in enumerate(
-                _find_best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)
+                _find_best_spans(
+                    residuals,
+                    one,
+                    scores,
+                    np.linspace(*within, COARSE_EDGE_COUNT),
+                    INTERPOLATED_TIMES,
+                )
             ):
                 if span.gain >= matters:
                     spans.setdefault((at, *(c.name for c in there), *one.summed), []).append(
@@ -206,9 +212,9 @@ def find_best_onsets(
         alike.sort(key=lambda each: -each[0].gain)
         found += [
             (at, _refine_span(residuals[at], one, score, span, end_s))
-            for span, one, score in alike[:FEW]
+            for span, one, score in alike[:MAX_REFINED_CANDIDATES]
         ]
-        found += [(at, span) for span, _, _ in alike[FEW:]]
+        found += [(at, span) for span, _, _ in alike[MAX_REFINED_CANDIDATES:]]
     best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
     for at, test in found:
         test = test._replace(evidence=test.evidence - behind[at], gain=test.gain - 2.0 * behind[at])
@@ -234,7 +240,7 @@ def _find_likeliest_onset(
     information = np.maximum(information, 1e-12)
     size = np.clip(score / information, candidate.low, candidate.high)
     # The trace of a threshold effect is not proportional to its size.
-    if ROWS[candidate.part.id].threshold:
+    if EFFECT_ROWS[candidate.part.id].threshold:
         size = np.full(len(score), candidate.part.size)
     gain = 2.0 * score * size - information * size**2
     log_odds = 0.5 * (gain - np.log1p(information * candidate.usual**2))
@@ -252,7 +258,7 @@ def _find_likeliest_onset(
 
 def _find_begin_times(
     residuals: Sequence[WhitenedResidual],
-    one: Tried,
+    one: CandidateTraces,
     scores: Array,
     within: tuple[float, float],
     matters: float,
@@ -266,7 +272,7 @@ def _find_begin_times(
     if not len(inside):
         return []
     left, found = list(range(len(residuals))), dict[int, ScoreTest]()
-    for count in TIMES:
+    for count in EXACT_TIME_COUNTS:
         exact_s = np.linspace(*within, count)
         traces = _make_onset_traces(one, exact_s, grows)
         for at in left:
@@ -289,15 +295,15 @@ def _find_begin_times(
 
 
 def _refine_span(
-    residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float
+    residual: WhitenedResidual, one: CandidateTraces, score: Array, span: ScoreTest, end_s: float
 ) -> ScoreTest:
     """Return the test with the best begin and end times near those of `span`."""
     first_s, last_s = float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s
-    apart_s = (last_s - first_s) / (EDGES - 1) / BETWEEN
+    apart_s = (last_s - first_s) / (COARSE_EDGE_COUNT - 1) / INTERPOLATED_TIMES
     for _ in range(2):
         assert span.part.onset_s is not None and span.part.until_s is not None
-        apart_s /= FINER
-        about_s = apart_s * np.arange(-FINER + 1, FINER)
+        apart_s /= REFINEMENT_FACTOR
+        about_s = apart_s * np.arange(-REFINEMENT_FACTOR + 1, REFINEMENT_FACTOR)
         about_s = np.clip(
             np.concatenate([span.part.onset_s + about_s, span.part.until_s + about_s]),
             first_s,
@@ -307,14 +313,14 @@ def _refine_span(
         # The log is too short for two times this close together.
         if not finer:
             break
-        spent = max(finer[0].spent + 2.0 * np.log(FINER), span.spent)
+        spent = max(finer[0].spent + 2.0 * np.log(REFINEMENT_FACTOR), span.spent)
         span = finer[0]._replace(spent=spent, evidence=finer[0].evidence + finer[0].spent - spent)
     return span
 
 
 def _find_best_spans(
     residuals: Sequence[WhitenedResidual],
-    one: Tried,
+    one: CandidateTraces,
     scores: Array,
     exact_s: Array,
     between: int = 1,
@@ -358,7 +364,9 @@ def _find_best_spans(
     return found
 
 
-def _calc_onset_scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
+def _calc_onset_scores(
+    weighted: Sequence[Mapping[str, Array]], one: CandidateTraces, grows: bool
+) -> Array:
     """Return the sum of weighted residual x trace for an onset at each sample of the finest
     channel, by noise model: (noises, m)."""
     scores = np.zeros((len(weighted), len(one.time_s)))
@@ -395,11 +403,11 @@ def _sum_ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[:, ::-1].sum(axis=0))[::-1])
 
 
-def _make_onset_traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
+def _make_onset_traces(one: CandidateTraces, onsets_s: Array, grows: bool) -> list[Array]:
     """Return the traces of one unit of the effect for each onset, the same under every noise model:
     cosine coefficients (onsets, m) by channel."""
     return [
-        coefficients(
+        calc_coefficients(
             apply_course(
                 unit.ravel(),
                 np.array(
@@ -418,11 +426,11 @@ def _make_onset_traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
 
 
 def _whiten_traces(
-    residual: WhitenedResidual, one: Tried, traces: Sequence[Array]
+    residual: WhitenedResidual, one: CandidateTraces, traces: Sequence[Array]
 ) -> tuple[list[Array], Array]:
     """Return whitened traces (onsets, m) by channel, and their components in the basis of the
     hypothesis (onsets, columns)."""
     found = [
-        residual.white(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)
+        residual.whiten(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)
     ]
     return [white for white, _ in found], np.sum([own for _, own in found], axis=0)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc
 from topdress.control.diagnosis.judgement import noise as noises
-from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.checks import FALSE_ALARM_PROB
 from topdress.control.diagnosis.judgement.noise import (
     NoisePrior,
     Segments,
@@ -56,28 +56,28 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 # Time step of the speed stage, s: the true speed changes between two readings.
-FINE_S = 0.025
+SPEED_STEP_S = 0.025
 # Maps a schedule and a model step, s, to two series (n, 2) at the log's rows.
-Rows = Callable[[Schedule, float], Array]
+RowPredictor = Callable[[Schedule, float], Array]
 # Maximum number of refills of one log that the model simulates.
-MAX_CHAINED = 4
+MAX_REFILLS = 4
 # A gap between readings longer than this, s, times MAX_BRIDGED_STEPS separates two windows.
 SEAM_S = 20.0
 # Free mass in the model's hopper above the highest reading, kg, on the nominal machine.
-OVER_FULL_KG = 5.0
+HEADROOM_KG = 5.0
 # Share and relative spread of the slow noise component where a channel has none: a negligible
 # share, known well.
-NO_DRIFT, NO_SPREAD = 0.01, 0.1
+NEGLIGIBLE_DRIFT, NEGLIGIBLE_SPREAD = 0.01, 0.1
 # Correlation time, s, that represents white noise.
-WHITE_S = 0.02
+WHITE_TIME_S = 0.02
 
 # Longest period of a speed sensor's narrowband noise, s: longer periods may be the ground's.
-QUICK_S = 4.5
+MAX_NOISE_PERIOD_S = 4.5
 # A damped oscillation spreads to this multiple of its period.
-SLOWER = 1.5
+PERIOD_SPREAD = 1.5
 # Number of neighbouring bands on either side, an octave and more: a single line does not change
 # their median.
-ABOUT = 4
+NEIGHBOUR_BANDS = 4
 
 
 class ChannelSeries(NamedTuple):
@@ -126,7 +126,7 @@ _STAGE: dict[str, tuple[Any, Any, Any]] = {
 }
 
 
-def simulate_drive_rows(drive: Drive) -> Rows:
+def simulate_drive_rows(drive: Drive) -> RowPredictor:
     """Shaft or gate asked for what the log asked: where it truly stood and what was read, r/min
     or mm."""
     count, command = len(drive.time_s), drive.command
@@ -167,15 +167,16 @@ def make_drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
     run = simulate_drive_rows(drive)
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        return drive.grid.of(run(plan, step_s)[:, 1])
+        return drive.grid.interpolate(run(plan, step_s)[:, 1])
 
     sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
     floor = max(_estimate_rounding_sd(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
-    prior = NoisePrior(sd, WHITE_S, floor)
+    prior = NoisePrior(sd, WHITE_TIME_S, floor)
     # each row is the mean of an answer: what one leaves the next knows nothing of
     if drive.settled:
         prior = prior._replace(
-            slow_share=NO_DRIFT, spread=(prior.spread[0], NO_SPREAD, NO_SPREAD, NO_SPREAD)
+            slow_share=NEGLIGIBLE_DRIFT,
+            spread=(prior.spread[0], NEGLIGIBLE_SPREAD, NEGLIGIBLE_SPREAD, NEGLIGIBLE_SPREAD),
         )
     found = _make_channel(
         drive.name,
@@ -191,7 +192,7 @@ def make_drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
 def make_hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     """Scale reading, kg."""
     count = len(h.time_s) - 1
-    over_full_kg = scale_nominal(machine, HOPPER_CAPACITY) * OVER_FULL_KG
+    over_full_kg = scale_nominal(machine, HOPPER_CAPACITY) * HEADROOM_KG
     levels = _hopper_levels(h, over_full_kg)
     read_s = h.time_s[:-1] + h.read_at * np.diff(h.time_s)
 
@@ -205,7 +206,7 @@ def make_hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
             pitch_deg=h.pitch_deg[:-1],
             more_kg=h.more_kg,
         )
-        return h.grid.of(
+        return h.grid.interpolate(
             np.concatenate(
                 [run_scale(scales[k], seen[now]) for k, now in list_sets_in_force(rows, count)]
             )
@@ -289,7 +290,7 @@ def _list_predicted_pieces(h: Hopper) -> list[tuple[int, int, float]]:
     is filled, when a reading tells no level.
     """
     count = len(h.time_s) - 1
-    fills = h.jumps if len(h.jumps) > MAX_CHAINED else ()
+    fills = h.jumps if len(h.jumps) > MAX_REFILLS else ()
     level_known = set(h.grid.rows.tolist())
     gap_ends = {end for end, _ in h.gaps if end in level_known}
     begins = [0, *sorted({j for j in (*fills, *gap_ends) if 0 < j < count})]
@@ -305,13 +306,13 @@ def _estimate_level_kg(reading_kg: Array, unknown_kg: float) -> float:
     return float(np.median(known)) if len(known) else unknown_kg
 
 
-def select_speed_rows(s: TwoSpeeds) -> Rows:
+def select_speed_rows(s: TwoSpeeds) -> RowPredictor:
     """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in
-    rows of FINE_S."""
+    rows of SPEED_STEP_S."""
     clock = join_clock(s.time_s, SEAM_S)
-    fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
+    fine_s = np.arange(clock[0], clock[-1] + SPEED_STEP_S, SPEED_STEP_S)
     in_log_s = np.interp(fine_s, clock, s.time_s)
-    middle = fine_s + 0.5 * FINE_S
+    middle = fine_s + 0.5 * SPEED_STEP_S
     inputs = make_input_rows(
         SpeedInput,
         len(fine_s),
@@ -322,7 +323,7 @@ def select_speed_rows(s: TwoSpeeds) -> Rows:
         if isinstance(s.more_percent, float)
         else np.interp(middle, clock, s.more_percent),
     )
-    at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / FINE_S).astype(int))
+    at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / SPEED_STEP_S).astype(int))
     first = float(s.true_mps[0])
 
     def run(plan: Schedule, step_s: float) -> Array:
@@ -349,7 +350,7 @@ def make_speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
 
     def predict(plan: Schedule, step_s: float) -> Array:
         out = run(plan, step_s)
-        return s.grid.of(out[:, 0] - out[:, 1])
+        return s.grid.interpolate(out[:, 0] - out[:, 1])
 
     sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
     return _make_channel(
@@ -358,7 +359,7 @@ def make_speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
         s.grid,
         s.wheel_mps - s.gnss_mps,
         predict,
-        NoisePrior(sd, WHITE_S, 0.05 * sd),
+        NoisePrior(sd, WHITE_TIME_S, 0.05 * sd),
     )
 
 
@@ -377,7 +378,7 @@ def make_heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
         reads = np.array(
             [np.concatenate([run_heads(sets[k], one[now]) for k, now in there]) for one in seen]
         )
-        return h.grid.of(reads - reads.mean(axis=0)).ravel()
+        return h.grid.interpolate(reads - reads.mean(axis=0)).ravel()
 
     length = len(h.grid.even_s)
     bounds = tuple((k * length, (k + 1) * length) for k in range(len(used)))
@@ -385,7 +386,7 @@ def make_heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     return ChannelSeries(
         "heads",
         "NDVI",
-        h.grid.of(measured).ravel(),
+        h.grid.interpolate(measured).ravel(),
         predict,
         h.grid,
         make_segments(length * len(used), bounds),
@@ -436,10 +437,10 @@ def make_effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
     bins = predict_binned_effort(e)
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        return e.grid.of(bins(plan))
+        return e.grid.interpolate(bins(plan))
 
     noise = machine.noise.effort
-    floor = noise / np.sqrt(max(1.0, e.rows_a_bin))
+    floor = noise / np.sqrt(max(1.0, e.rows_per_bin))
     return _make_channel(
         e.name,
         machine.effort_unit,
@@ -480,7 +481,7 @@ def _make_channel(
     predict: Callable[[Schedule, float], Array],
     prior: NoisePrior,
 ) -> ChannelSeries:
-    series = grid.of(measured)
+    series = grid.interpolate(measured)
     return ChannelSeries(name, unit, series, predict, grid, make_segments(len(series)), prior)
 
 
@@ -494,7 +495,7 @@ def _estimate_rounding_sd(measured: Array) -> float:
     )
 
 
-def without_narrowband(
+def remove_narrowband(
     seen: dict[str, ChannelSeries], machine: Machine
 ) -> tuple[dict[str, ChannelSeries], list[str]]:
     """Remove narrowband noise from the speed channel, and return the channels with a finding for
@@ -508,10 +509,10 @@ def without_narrowband(
     if "speed" not in seen:
         return seen, []
     channel = seen["speed"]
-    periods_s = narrowband_periods_s(channel, machine)
+    periods_s = find_narrowband_periods(channel, machine)
     if not len(periods_s):
         return seen, []
-    least_s = max(QUICK_S, SLOWER * float(periods_s.max()))
+    least_s = max(MAX_NOISE_PERIOD_S, PERIOD_SPREAD * float(periods_s.max()))
     quick = channel.cut.omega * least_s > 2.0 * np.pi * channel.grid.step_s
     if quick.all():
         return seen, []
@@ -525,7 +526,7 @@ def without_narrowband(
     )
 
 
-def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
+def find_narrowband_periods(channel: ChannelSeries, machine: Machine) -> Array:
     """Return the periods of narrow lines in a channel that the nominal machine does not explain, s,
     longest first: (k,).
 
@@ -537,7 +538,7 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
         make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S
     )
     cut, step_s = channel.cut, channel.grid.step_s
-    power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
+    power = np.add.reduceat(noises.calc_coefficients(left, cut) ** 2, cut.starts)
     fitted = noises.fit_noise(
         power, noises.find_starting_noise(channel.prior), channel.prior, cut, step_s
     )
@@ -547,10 +548,12 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
         / noises.calc_spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
     )
     about = [
-        np.r_[max(0, k - ABOUT) : k, k + 1 : min(len(over), k + 1 + ABOUT)]
+        np.r_[max(0, k - NEIGHBOUR_BANDS) : k, k + 1 : min(len(over), k + 1 + NEIGHBOUR_BANDS)]
         for k in range(len(over))
     ]
     usual = np.array([float(np.median(over[near])) if len(near) else np.inf for near in about])
     by_chance = fdtrc(cut.members, BAND_DOF, over / np.maximum(usual, 1e-300))
-    stand_out = (by_chance < LEVEL / len(over)) & (cut.omega * QUICK_S > 2.0 * np.pi * step_s)
+    stand_out = (by_chance < FALSE_ALARM_PROB / len(over)) & (
+        cut.omega * MAX_NOISE_PERIOD_S > 2.0 * np.pi * step_s
+    )
     return np.asarray(2.0 * np.pi / cut.omega[stand_out] * step_s)

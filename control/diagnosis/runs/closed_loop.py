@@ -31,7 +31,7 @@ class LoopGain(NamedTuple):
     after: RunErrors
 
 
-def closed_loop_gain(
+def measure_loop_gain(
     nominal: Machine,
     extended: Machine,
     planted: Sequence[PlantedEffect],

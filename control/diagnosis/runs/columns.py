@@ -9,16 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis import effects
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.evidence import (
     Column,
-    Label,
+    ColumnLabel,
+    ColumnRole,
     Problem,
-    Role,
     make_evidence_problem,
     project_out_fixed,
 )
-from topdress.control.diagnosis.judgement.noise import coefficients, make_series_of
+from topdress.control.diagnosis.judgement.noise import calc_coefficients, make_series
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
 from topdress.control.machine.effect import HOPPER_CAPACITY
 from topdress.control.machine.machine import Machine, find_size_bounds, scale_nominal
@@ -36,37 +36,37 @@ from .model import (
     find_stamp_sd_s,
     is_cumulative,
 )
-from .smooth import TABLES, find_variable_span, list_shape_series
+from .smooth import STAGE_TABLES, find_variable_span, list_shape_series
 
 Array = npt.NDArray[np.float64]
 
 # Prior standard deviation of a growth's deviation from a straight line, as a share of the size:
 # half-wave and whole wave.
-BENDS = (0.3, 0.15)
+GROWTH_BEND_SDS = (0.3, 0.15)
 # Number of half-waves in the shapes of a size over time: one for up or down, two for there and
 # back.
-WAVES = 2
+MAX_HALF_WAVES = 2
 # Share of a tolerance by which a nominal value may vary between operating conditions of one
 # machine.
-TRAIT_SHARE = 0.5
+VARIATION_SHARE = 0.5
 # Standard deviation of a refill that the operator wrote down, kg, on the nominal machine.
 REFILL_SD_KG = 0.5
 # The noted refill mass has a prior with Cauchy tails: the wrong bag, or a typing error.
-WRITTEN = "refill"
+NOTED_REFILL = "refill"
 # Standard deviation of the level at the start and of a refill without a note, kg, on the nominal
 # machine.
-UNKNOWN_KG = 20.0
+UNKNOWN_SD_KG = 20.0
 # Standard deviation of the mean rounding error, as a share of an encoder's step.
-ROUNDING_SHARE = 0.1
+ROUNDING_SD_SHARE = 0.1
 # Share of a gain's largest change below which the shaft counts as standing.
-TURNS_SHARE = 1e-3
+MIN_TURNING_SHARE = 1e-3
 # Prior standard deviation of the drive load from a blocked outlet, as a share of the load: nobody
 # has measured the load.
-PACKED_SHARE = 0.5
+PACKING_SD_SHARE = 0.5
 # Maximum number of candidate columns in the cache.
-MAX_KEPT = 200
+MAX_CACHED_COLUMNS = 200
 # Maximum number of nuisance column sets in the cache, one set for each dead time.
-MOST_LATE = 8
+MAX_CACHED_NUISANCES = 8
 # Time difference for the slope of a GNSS reading's latency, s: half a row, the accuracy to which
 # the latency is known.
 LATENCY_STEP_S = 0.05
@@ -76,7 +76,7 @@ DEAD_TIME = "dead_time_s"
 
 def _make_column(
     model: GroupModel,
-    label: Label,
+    label: ColumnLabel,
     series_of_channel: dict[str, Array],
     sd: float = np.inf,
     mean: float = 0.0,
@@ -85,13 +85,13 @@ def _make_column(
     cuts = {c.name: c.cut for c in model.channels}
     return Column(
         label,
-        {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()},
+        {name: calc_coefficients(one, cuts[name]) for name, one in series_of_channel.items()},
         sd,
         mean,
     )
 
 
-def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
+def list_nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
     """Return the columns that are free under every hypothesis, by channel: tolerances, and the
     uncertainties of the readings.
 
@@ -101,42 +101,44 @@ def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
         column
         for channel in model.channels
         for column in (
-            *_of_tolerances(model, channel, late),
+            *_list_tolerance_columns(model, channel, late),
             *_list_reading_columns(model, channel),
         )
     ]
 
 
-def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) -> list[Column]:
+def _list_tolerance_columns(
+    model: GroupModel, channel: ChannelSeries, late: Hypothesis
+) -> list[Column]:
     """Return the slopes of the prediction in the uncertain nominal values, at their current values.
 
     Slopes of time constants are nonzero only while the drive moves. Where an effect delays the
     motion, the slope must include the effect, else the slope falls on rows without motion.
     """
     found: list[Column] = []
-    here = tuple(part for part in late if channel.name in ROWS[part.id].channels)
-    now = model.predicted(here)[channel.name]
+    here = tuple(part for part in late if channel.name in EFFECT_ROWS[part.id].channels)
+    now = model.predict(here)[channel.name]
     for one, n in model.nuisances:
         if one is not channel:
             continue
         value = getattr(model.base.by_name[n.stage], n.field) + n.step
-        plan = make_schedule(model.base.put(n.stage, **{n.field: value}), here)
+        plan = make_schedule(model.base.replace_fields(n.stage, **{n.field: value}), here)
         change = (channel.predict(plan, MAX_MODEL_STEP_S) - now) / n.step
         found.append(
             _make_column(
                 model,
-                Label(Role.TOLERANCE, n.key),
+                ColumnLabel(ColumnRole.TOLERANCE, n.key),
                 {channel.name: change},
                 n.sd,
                 -model.offsets.get(n.key, 0.0),
             )
         )
         if channel.name == "shaft" and n.field != "gain_percent":
-            found += _by_speed_and_way(model, n.key, change, now, TRAIT_SHARE * n.sd)
+            found += _list_variation_columns(model, n.key, change, now, VARIATION_SHARE * n.sd)
     return found
 
 
-def _by_speed_and_way(
+def _list_variation_columns(
     model: GroupModel, key: str, change: Array, rpm: Array, sd: float
 ) -> list[Column]:
     """Return columns of a tolerance that differs between low and high speed, and between rising and
@@ -144,36 +146,41 @@ def _by_speed_and_way(
     middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
     way = np.sign(np.gradient(rpm))
     return [
-        _make_column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
-        _make_column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd),
+        _make_column(
+            model, ColumnLabel(ColumnRole.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd
+        ),
+        _make_column(model, ColumnLabel(ColumnRole.TRAIT, key), {"shaft": change * way}, sd),
     ]
 
 
 def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     """Return columns of the uncertainties of the readings: rounding, level and refills, time
     stamps, heads."""
-    label, data = Label(Role.READING), model.data
+    label, data = ColumnLabel(ColumnRole.READING), model.data
     if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
-        turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
+        turning = (model.predict(())["shaft"] > data.shaft.step).astype(np.float64)
         if data.shaft.steps_from_s is not None:
             turning = turning * (channel.grid.even_s >= data.shaft.steps_from_s)
-        return [_make_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
+        return [_make_column(model, label, {"shaft": turning}, ROUNDING_SD_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
         bins, hopper = (
             np.arange(len(data.hopper.reading_kg)),
             scale_nominal(model.machine, HOPPER_CAPACITY),
         )
-        steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
+        steps = [
+            channel.grid.interpolate((bins >= jump).astype(np.float64))
+            for jump in data.hopper.jumps
+        ]
         return [
             _make_column(
-                model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG
+                model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_SD_KG
             ),
             *(
                 _make_column(
                     model,
-                    Label(Role.READING, WRITTEN) if written else label,
+                    ColumnLabel(ColumnRole.READING, NOTED_REFILL) if written else label,
                     {"scale": after},
-                    hopper * (REFILL_SD_KG if written else UNKNOWN_KG),
+                    hopper * (REFILL_SD_KG if written else UNKNOWN_SD_KG),
                 )
                 for after, written in zip(steps, data.hopper.written, strict=True)
             ),
@@ -181,25 +188,29 @@ def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Col
                 _make_column(
                     model,
                     label,
-                    {"scale": channel.grid.of((bins >= end).astype(np.float64))},
+                    {"scale": channel.grid.interpolate((bins >= end).astype(np.float64))},
                     metered * model.machine.flow.grams_per_rev_mm / 60_000.0,
                 )
                 for end, metered in data.hopper.gaps
             ),
         ]
     if channel.name == "speed":
-        late = model.difference((), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S))
+        late = model.calc_difference(
+            (), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S)
+        )
         stamp = {name: change / LATENCY_STEP_S for name, change in late.items()}
         found = [
             _make_column(model, label, stamp, find_stamp_sd_s(model.machine, channel.grid.step_s))
         ]
         if data.speed is not None and data.speed.unseen_percent > 0.0:
-            short = model.difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
+            short = model.calc_difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
             found.append(_make_column(model, label, short, data.speed.unseen_percent))
         return found
     if channel.name == "heads":
         ones = [
-            model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
+            model.calc_difference(
+                (), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1)
+            )
             for k in range(model.heads)
         ]
         return [
@@ -208,7 +219,7 @@ def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Col
     return []
 
 
-class Forms:
+class ShapeColumns:
     """Columns of the smooth shapes of each stage over each recorded variable, built at the first
     use."""
 
@@ -216,12 +227,12 @@ class Forms:
         self._model = model
         self._units = {
             stage: _calc_unit_response(model, table.unit)
-            for stage, table in TABLES.items()
+            for stage, table in STAGE_TABLES.items()
             if table.channel in model.names and stage != "scale"
         }
         self._made: dict[tuple[str, str], list[Column]] = {}
 
-    def over(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
+    def list_over_variable(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
         """Return the columns of a stage over a variable; empty where the variable hardly changes.
 
         moves : effects of a hypothesis that change how the stage's drive moves, because a shape
@@ -234,48 +245,48 @@ class Forms:
         return self._made[(stage, variable)]
 
     def _list_form_columns(self, stage: str, variable: str, moves: Hypothesis) -> list[Column]:
-        model, name, data = self._model, TABLES[stage].channel, self._model.data
+        model, name, data = self._model, STAGE_TABLES[stage].channel, self._model.data
         over = find_variable_span(data, variable, model.machine)
         if over is None or name not in model.names:
             return []
         unit = (
-            _calc_unit_response(model, TABLES[stage].unit, moves)
+            _calc_unit_response(model, STAGE_TABLES[stage].unit, moves)
             if moves
             else self._units.get(stage, np.ones(1))
         )
         own = (
-            model.predicted(moves)[name]
+            model.predict(moves)[name]
             if moves and name_own_command(stage, variable) != variable
             else None
         )
         rows = list_shape_series(
             stage,
             over,
-            model.channel(name),
+            model.find_channel(name),
             unit,
             data=data,
             base=model.base,
             machine=model.machine,
             own=own,
         )
-        return [_make_column(model, Label(Role.FORM), {name: row}) for row in rows]
+        return [_make_column(model, ColumnLabel(ColumnRole.FORM), {name: row}) for row in rows]
 
 
 def _calc_unit_response(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
     """Return the change per unit of an effect in the first channel that the effect changes, from
     the difference at the probe size."""
-    size = ROWS[part.id].on(model.machine).probe
+    size = EFFECT_ROWS[part.id].scale_to_machine(model.machine).probe
     assert size is not None
-    return next(iter(model.difference(others, part._replace(size=size)).values())) / size
+    return next(iter(model.calc_difference(others, part._replace(size=size)).values())) / size
 
 
-class Columns:
+class HypothesisColumns:
     """Columns of a group's hypotheses, built by running the group's model; candidate columns are
     cached while the model is unchanged."""
 
     def __init__(self, model: GroupModel) -> None:
         self.model = model
-        self.forms = Forms(model)
+        self.forms = ShapeColumns(model)
         self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
         # Caches the time course of the shaft's gain by effect instance.
         self._courses: dict[EffectInstance, Array] = {}
@@ -291,7 +302,7 @@ class Columns:
             self._courses.clear()
             self._fixed.clear()
 
-    def fixed(self, parts: Hypothesis = ()) -> list[Column]:
+    def list_fixed_columns(self, parts: Hypothesis = ()) -> list[Column]:
         """Return the nuisance columns at the current nominal values, without the values that an
         effect of the hypothesis replaces."""
         self._refresh_model()
@@ -300,7 +311,7 @@ class Columns:
             *(
                 c
                 for c in self._list_nuisance_columns(parts)
-                if c.label.role is not Role.TOLERANCE or c.label.name not in moved
+                if c.label.role is not ColumnRole.TOLERANCE or c.label.name not in moved
             ),
             *self.list_stop_columns(parts),
         ]
@@ -309,7 +320,9 @@ class Columns:
         """Return a column for the position of each stuck gate, and for the load of each blocked
         outlet."""
         return [
-            self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id
+            self._make_stop_column(parts, part)
+            for part in parts
+            if part.id == effects.GATE_STUCK.id
         ] + [
             self._make_packing_column(parts)
             for part in parts
@@ -320,74 +333,79 @@ class Columns:
 
     def _list_nuisance_columns(self, parts: Hypothesis) -> list[Column]:
         late = tuple(
-            part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None
+            part
+            for part in parts
+            if EFFECT_ROWS[part.id].moves == DEAD_TIME and part.onset_s is None
         )
         if late not in self._fixed:
-            if len(self._fixed) > MOST_LATE:
+            if len(self._fixed) > MAX_CACHED_NUISANCES:
                 self._fixed.clear()
-            self._fixed[late] = nuisance_columns(self.model, late)
+            self._fixed[late] = list_nuisance_columns(self.model, late)
         return self._fixed[late]
 
-    def _where_it_stands(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
+    def _make_stop_column(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
         """Return the column of the unknown position at which a gate stuck within a move.
 
         The gate stands anywhere on its way between two rows. The first seconds after a halt are not
         judged (HALT_S).
         """
-        model, home = self.model, ROWS[effects.GATE_HOME_ERROR.id].on(self.model.machine)
+        model, home = (
+            self.model,
+            EFFECT_ROWS[effects.GATE_HOME_ERROR.id].scale_to_machine(self.model.machine),
+        )
         assert home.probe is not None
-        off = self.of_candidate(
+        off = self.make_candidate_column(
             parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S)
         )
         return off._replace(
-            label=Label(Role.READING),
-            sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s,
+            label=ColumnLabel(ColumnRole.READING),
+            sd=model.machine.gate.slew_mm_s * model.find_channel("gate").grid.step_s,
         )
 
     def _make_packing_column(self, parts: Hypothesis) -> Column:
         """Return the column of the load behind a closed outlet, which varies with the product and
         with how the outlet closed."""
         jam = self.model.base.by_name["effort"].jam
-        harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))[
-            "effort"
-        ]
+        harder = self.model.run_model(
+            parts, self.model.base.replace_fields("effort", jam=jam + 1.0), ("effort",)
+        )["effort"]
         return _make_column(
             self.model,
-            Label(Role.READING),
-            {"effort": harder - self.model.predicted(parts)["effort"]},
-            PACKED_SHARE * jam,
+            ColumnLabel(ColumnRole.READING),
+            {"effort": harder - self.model.predict(parts)["effort"]},
+            PACKING_SD_SHARE * jam,
         )
 
-    def slopes(self, parts: Hypothesis) -> list[Column]:
+    def list_slopes(self, parts: Hypothesis) -> list[Column]:
         """Return the slope of the prediction in each effect's size, at the hypothesis."""
         model, found = self.model, []
         for k, part in enumerate(parts):
-            row = ROWS[part.id]
+            row = EFFECT_ROWS[part.id]
             if not row.has_slope:
                 continue
             step = _choose_slope_step(part, model.machine)
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1 :])
-            now = model.predicted(parts)
+            now = model.predict(parts)
             change = {
                 name: (one - now[name]) / step
-                for name, one in model.run(moved, only=row.channels).items()
+                for name, one in model.run_model(moved, only=row.channels).items()
             }
             found.append(
                 _make_column(
                     self.model,
-                    Label(Role.SLOPE, part.id, k),
+                    ColumnLabel(ColumnRole.SLOPE, part.id, k),
                     change,
-                    find_size_sd(part.size, row.on(model.machine).usual),
+                    find_size_sd(part.size, row.scale_to_machine(model.machine).usual),
                     -part.size,
                 )
             )
         return found
 
-    def form_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
+    def list_shape_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
         """Return the freedom of shape of each effect: smooth functions of its variable, with a
         prior proportional to its signal."""
         found: list[Column] = []
-        fixed = self.fixed(parts)
+        fixed = self.list_fixed_columns(parts)
         for slope in slopes:
             part = parts[slope.label.part]
             found += self._list_growth_bends(parts, slope.label.part)
@@ -403,7 +421,8 @@ class Columns:
                 ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
                 sd = FORM_SHARE * abs(part.size) * np.sqrt(ratio)
                 free = wobble._replace(
-                    label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd))
+                    label=ColumnLabel(ColumnRole.FORM, part.id, slope.label.part),
+                    sd=max(1e-9, float(sd)),
                 )
                 found.append(_remove_slopes(free, slopes))
         return found
@@ -416,15 +435,15 @@ class Columns:
             return []
         there = tuple(other for other in parts if not other.grows)
         steady, grown = (
-            model.predicted(there),
-            model.predicted((*there, part._replace(onset_s=None, grows=False))),
+            model.predict(there),
+            model.predict((*there, part._replace(onset_s=None, grows=False))),
         )
-        channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
+        channels = [c for c in model.channels if c.name in EFFECT_ROWS[part.id].channels]
         whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
         return [
             _make_column(
                 model,
-                Label(Role.FORM, part.id, k),
+                ColumnLabel(ColumnRole.FORM, part.id, k),
                 {
                     c.name: apply_course(
                         whole[c.name],
@@ -437,26 +456,32 @@ class Columns:
                 },
                 max(1e-9, bend * abs(part.size)),
             )
-            for waves, bend in enumerate(BENDS, start=1)
+            for waves, bend in enumerate(GROWTH_BEND_SDS, start=1)
         ]
 
     def _list_form_wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
         """Return shapes by which an effect may deviate from its functional form, over its own
         variable and over those of its sibling effects."""
-        row = ROWS[part.id]
+        row = EFFECT_ROWS[part.id]
         moves = tuple(
             p
             for p in parts
-            if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id
+            if EFFECT_ROWS[p.id].stage == row.stage
+            and EFFECT_ROWS[p.id].move_shaped
+            and p.id != part.id
         )
-        over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
+        over = (
+            self.forms.list_over_variable(row.stage, row.form_over, moves) if row.form_over else []
+        )
         found = [self._restrict_to_course(column, part, row.stage) for column in over]
         for sibling in row.siblings:
-            step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
-            change = self.model.difference(parts, part._replace(id=sibling, size=step))
+            step = EFFECT_ROWS[sibling].scale_to_machine(self.model.machine).trial_sizes[1]
+            change = self.model.calc_difference(parts, part._replace(id=sibling, size=step))
             found.append(
                 _make_column(
-                    self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}
+                    self.model,
+                    ColumnLabel(ColumnRole.FORM),
+                    {name: one / step for name, one in change.items()},
                 )
             )
         return found
@@ -468,11 +493,11 @@ class Columns:
         found = {}
         for channel in self.model.channels:
             if channel.name in column.coefficients:
-                whole = make_series_of(column.coefficients[channel.name], channel.cut)
+                whole = make_series(column.coefficients[channel.name], channel.cut)
                 # The shape follows the motor's time constant, as the column of the effect itself
                 # does.
                 if stage == "shaft":
-                    found[channel.name] = whole * self._shaft_course(channel, part)
+                    found[channel.name] = whole * self._calc_shaft_course(channel, part)
                 else:
                     found[channel.name] = apply_course(
                         whole,
@@ -482,51 +507,53 @@ class Columns:
                     )
         return _make_column(self.model, column.label, found)
 
-    def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
+    def _calc_shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
         """Return the share of a constant shaft gain that shows at each sample, when the gain has
         the time course of an effect: (m,)."""
         self._refresh_model()
-        unit = TABLES["shaft"].unit
-        size = ROWS[unit.id].on(self.model.machine).probe
+        unit = STAGE_TABLES["shaft"].unit
+        size = EFFECT_ROWS[unit.id].scale_to_machine(self.model.machine).probe
         assert size is not None
         here = part._replace(id=unit.id, size=size)
         if here not in self._courses:
-            if len(self._courses) > MAX_KEPT:
+            if len(self._courses) > MAX_CACHED_COLUMNS:
                 self._courses.clear()
             all_along, there = (
-                self.model.difference((), one)[channel.name]
+                self.model.calc_difference((), one)[channel.name]
                 for one in (unit._replace(size=size), here)
             )
-            turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
+            turns = np.abs(all_along) > MIN_TURNING_SHARE * float(
+                np.abs(all_along).max(initial=1e-12)
+            )
             self._courses[here] = np.divide(
                 there, all_along, out=calc_part_course(channel, part), where=turns
             )
         return self._courses[here]
 
-    def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
+    def make_candidate_column(self, parts: Hypothesis, part: EffectInstance) -> Column:
         """Return the predicted change for one unit of a candidate effect that is added to a
         hypothesis."""
         self._refresh_model()
         if (parts, part) not in self._kept:
-            if len(self._kept) > MAX_KEPT:
+            if len(self._kept) > MAX_CACHED_COLUMNS:
                 self._kept.clear()
-            change = self.model.difference(parts, part)
+            change = self.model.calc_difference(parts, part)
             self._kept[(parts, part)] = _make_column(
                 self.model,
-                Label(Role.CANDIDATE, part.id),
+                ColumnLabel(ColumnRole.CANDIDATE, part.id),
                 {name: one / part.size for name, one in change.items()},
-                ROWS[part.id].on(self.model.machine).usual,
+                EFFECT_ROWS[part.id].scale_to_machine(self.model.machine).usual,
             )
         return self._kept[(parts, part)]
 
     def list_time_shapes(self, slope: Column, part: EffectInstance) -> list[Column]:
         """Return an effect's slope multiplied by smooth functions of the time during which the
         effect acts: its size may vary over time."""
-        found: list[dict[str, Array]] = [{} for _ in range(WAVES)]
+        found: list[dict[str, Array]] = [{} for _ in range(MAX_HALF_WAVES)]
         for channel in (c for c in self.model.channels if c.name in slope.coefficients):
             time_s, series = (
                 channel.grid.even_s,
-                make_series_of(slope.coefficients[channel.name], channel.cut),
+                make_series(slope.coefficients[channel.name], channel.cut),
             )
             begin_s = time_s[0] if part.onset_s is None else part.onset_s
             end_s = time_s[-1] if part.until_s is None else part.until_s
@@ -541,56 +568,56 @@ class Columns:
         return [
             _make_column(
                 self.model,
-                Label(Role.FORM, part.id, slope.label.part),
+                ColumnLabel(ColumnRole.FORM, part.id, slope.label.part),
                 shape,
                 max(1e-9, abs(part.size)),
             )
             for shape in found
         ]
 
-    def trace(self, parts: Hypothesis, k: int) -> Column:
+    def make_effect_column(self, parts: Hypothesis, k: int) -> Column:
         """Return the change from the whole of effect k, with the other effects in place."""
         return _make_column(
             self.model,
-            Label(Role.TRACE, parts[k].id, k),
-            self.model.difference((*parts[:k], *parts[k + 1 :]), parts[k]),
+            ColumnLabel(ColumnRole.TRACE, parts[k].id, k),
+            self.model.calc_difference((*parts[:k], *parts[k + 1 :]), parts[k]),
         )
 
-    def between(self, parts: Hypothesis, others: Hypothesis) -> Column:
+    def make_difference_column(self, parts: Hypothesis, others: Hypothesis) -> Column:
         """Return the difference between a hypothesis and another. The sizes of the other hypothesis
         may differ far from those of this one."""
-        with_it, without = self.model.predicted(parts), self.model.predicted(others)
+        with_it, without = self.model.predict(parts), self.model.predict(others)
         return _make_column(
             self.model,
-            Label(Role.TRACE),
+            ColumnLabel(ColumnRole.TRACE),
             {name: one - without[name] for name, one in with_it.items()},
         )
 
-    def of_hypothesis(self, parts: Hypothesis) -> list[Column]:
+    def list_columns(self, parts: Hypothesis) -> list[Column]:
         """Return nuisances, slopes and shapes of a hypothesis, in the order of `compressed`."""
-        slopes = self.slopes(parts)
-        return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes)]
+        slopes = self.list_slopes(parts)
+        return [*self.list_fixed_columns(parts), *slopes, *self.list_shape_columns(parts, slopes)]
 
     def compress_hypothesis(
         self, parts: Hypothesis, more: Sequence[Column] = ()
     ) -> tuple[Problem, int]:
         """Return the regression problem at a hypothesis, with columns in the order nuisances,
         slopes, shapes, `more`, and the number of columns before `more`."""
-        base = self.of_hypothesis(parts)
+        base = self.list_columns(parts)
         self.model.ask()
         return make_evidence_problem(
-            self.model.channels, self.model.banded_residual(parts), [*base, *more]
+            self.model.channels, self.model.calc_banded_residual(parts), [*base, *more]
         ), len(base)
 
     def group_by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
         """Return the nuisances and slopes of a hypothesis by the channel that they change, each
         with its series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
-        for column in [*self.fixed(parts), *self.slopes(parts)]:
+        for column in [*self.list_fixed_columns(parts), *self.list_slopes(parts)]:
             for channel in self.model.channels:
                 if channel.name in column.coefficients:
                     found[channel.name].append(
-                        (column, make_series_of(column.coefficients[channel.name], channel.cut))
+                        (column, make_series(column.coefficients[channel.name], channel.cut))
                     )
         return found
 
@@ -614,7 +641,7 @@ def _remove_slopes(form: Column, slopes: Sequence[Column]) -> Column:
 def _choose_slope_step(part: EffectInstance, machine: Machine) -> float:
     """Return the size difference for an effect's slope, with the sign that points away from the
     bound of the size."""
-    row = ROWS[part.id].on(machine)
+    row = EFFECT_ROWS[part.id].scale_to_machine(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))
     if row.trial_sizes:
         step = max(0.02 * abs(part.size), 0.02 * abs(row.trial_sizes[-1]))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 from topdress.control.diagnosis.dataframe_input import LogTable, load_machine, read_columns
-from topdress.control.diagnosis.result import load_notebook_room
+from topdress.control.diagnosis.result import load_notebook_module
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -19,19 +19,19 @@ from .channels import ChannelSeries, make_channels
 from .findings import note_reverse_turning
 from .held_out import HeldOut, list_held_out_errors
 from .hypothesis import list_stages, make_schedule
-from .log import Clean, clean_run_log
-from .row_order import find_row_order, move_log_columns
+from .log import CleanLog, clean_run_log
+from .row_order import find_row_order, shift_log_columns
 from .stages import make_run_data
 
 Array = npt.NDArray[np.float64]
 
 # Maximum and minimum number of blocks of a channel; fewer blocks give no estimate of the spread.
-MOST_BLOCKS, LEAST_BLOCKS = 24, 4
+MAX_BLOCKS, MIN_BLOCKS = 24, 4
 # Length of a block in correlation times of the squared errors: longer blocks are nearly
 # independent.
-MEMORIES = 5.0
+BLOCK_MEMORIES = 5.0
 # Probability of the interval, as everywhere in a diagnosis.
-SHARE = 0.90
+INTERVAL_PROB = 0.90
 
 
 class ComparedChannel(NamedTuple):
@@ -67,11 +67,11 @@ class Compared(NamedTuple):
 
     def summary(self) -> str:
         """Errors of each channel under both machine files as text, a line for each channel."""
-        return str(load_notebook_room().summarise_compared(self))
+        return str(load_notebook_module().summarise_compared(self))
 
     def plot(self) -> Any:
         """Draw a picture of each channel, as `Diagnosis.plot` does."""
-        return load_notebook_room().draw_compared(self)
+        return load_notebook_module().draw_compared(self)
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows below a cell that ends with a comparison."""
@@ -133,7 +133,7 @@ def compared(
     """
     old, new = load_machine(old), load_machine(new)
     log = clean_run_log(read_columns(columns), old.has_stage)
-    log = move_log_columns(log, find_row_order(log, old))
+    log = shift_log_columns(log, find_row_order(log, old))
     step(0.1, "data")
     # Numerical warnings are silenced, because a channel without finite numbers is left out below.
     with np.errstate(all="ignore"):
@@ -150,7 +150,7 @@ def compared(
 
 
 def _predict_channels(
-    log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
+    log: CleanLog, machine: Machine, other: Machine, step: Callable[[float, str], None]
 ) -> dict[str, _PredictedSeries]:
     """Predict every channel that the log can show with a machine file, on the rows that the sensors
     of `other` can judge.
@@ -226,7 +226,7 @@ def _compare_errors(
     of_old: Array,
     of_new: Array,
 ) -> ComparedChannel:
-    low, high = interval_of_difference(before, after)
+    low, high = calc_rms_interval(before, after)
     return ComparedChannel(
         name, unit, calc_rms(before), calc_rms(after), low, high, time_s, measured, of_old, of_new
     )
@@ -237,23 +237,24 @@ def calc_rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
+def calc_rms_interval(before: Array, after: Array) -> tuple[float, float]:
     """Return the 90 % interval of rms(before) - rms(after), for errors (m,) of the same rows.
 
     The interval is a jackknife over blocks of time. Errors within a block are correlated, so blocks
     are counted, not rows (Kunsch, Annals of Statistics 17, 1989). The result is NaN, NaN for fewer
-    than LEAST_BLOCKS blocks.
+    than MIN_BLOCKS blocks.
     """
     count = int(
         min(
-            MOST_BLOCKS,
+            MAX_BLOCKS,
             max(
-                LEAST_BLOCKS,
-                len(before) / (MEMORIES * max(_calc_memory_rows(before), _calc_memory_rows(after))),
+                MIN_BLOCKS,
+                len(before)
+                / (BLOCK_MEMORIES * max(_calc_memory_rows(before), _calc_memory_rows(after))),
             ),
         )
     )
-    if len(before) < 2 * LEAST_BLOCKS:
+    if len(before) < 2 * MIN_BLOCKS:
         return np.nan, np.nan
     parts = [
         np.array(
@@ -267,7 +268,7 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
     ]
     left_out = without[0] - without[1]
     sd = float(np.sqrt((count - 1) / count * np.sum(np.square(left_out - left_out.mean()))))
-    half = float(stdtrit(count - 1, 0.5 + 0.5 * SHARE)) * sd
+    half = float(stdtrit(count - 1, 0.5 + 0.5 * INTERVAL_PROB)) * sd
     difference = calc_rms(before) - calc_rms(after)
     return difference - half, difference + half
 

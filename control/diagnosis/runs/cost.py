@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
-from topdress.control.diagnosis.effects import ROWS, Costs, Needs
+from topdress.control.diagnosis.cost import COST_WITHOUT_MODEL, OperatingPoint, calc_rate_error
+from topdress.control.diagnosis.effects import EFFECT_ROWS, CostKind, LogRequirement
 from topdress.control.diagnosis.result import FieldCost
 from topdress.control.experiments.levels import USUAL_SPEED_MPS
 from topdress.control.machine.machine import Machine
@@ -23,7 +23,7 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 # Maximum number of operating points of a log, evenly spaced over the log.
-MAX_POINTS = 500
+MAX_OPERATING_POINTS = 500
 # Minimum length of a window in which a drive's lag is measured, s: longer than any delay.
 MIN_WINDOW_S = 5.0
 
@@ -36,10 +36,10 @@ def calc_field_cost(part: EffectInstance, machine: Machine, data: RunData) -> Fi
     that this sensor alone gives the speed. The cost of the scale's effect assumes that the flow
     follows the scale.
     """
-    costs = ROWS[part.id].costs
-    if costs in WITHOUT_MODEL:
-        return WITHOUT_MODEL[costs]
-    if costs is Costs.PLACE:
+    costs = EFFECT_ROWS[part.id].costs
+    if costs in COST_WITHOUT_MODEL:
+        return COST_WITHOUT_MODEL[costs]
+    if costs is CostKind.PLACE:
         late_s = _calc_extra_lag_s(part, machine, data)
         return FieldCost(0.0, None if late_s is None else round(late_s * _calc_mean_speed(data), 3))
     rate = _rate_percent(part, machine, data)
@@ -52,25 +52,27 @@ def _make_both_schedules(part: EffectInstance, machine: Machine) -> tuple[Schedu
 
 
 def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
-    drive = {"shaft": data.shaft, "gate": data.gate}.get(ROWS[part.id].stage)
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(EFFECT_ROWS[part.id].stage)
     onset_s = part.onset_s or -np.inf
     time_s = (
-        np.linspace(data.time_s[0], data.time_s[-1], MAX_POINTS) if drive is None else drive.time_s
+        np.linspace(data.time_s[0], data.time_s[-1], MAX_OPERATING_POINTS)
+        if drive is None
+        else drive.time_s
     )
     rows = np.flatnonzero(time_s >= onset_s)
     if not len(rows):
         return None
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_OPERATING_POINTS).astype(int))]
     points = _list_operating_points(
-        data, machine, time_s[rows], float(Needs.REFILL in ROWS[part.id].needs)
+        data, machine, time_s[rows], float(LogRequirement.REFILL in EFFECT_ROWS[part.id].needs)
     )
     changed = machine.model_copy(update=add_part(list_stages(machine), part).by_name)
     if drive is None:
-        return rate_error_percent(machine, points, changed, points)
+        return calc_rate_error(machine, points, changed, points)
     wanted, applied = (
         _find_standing_rows(drive, plan)[rows] for plan in _make_both_schedules(part, machine)
     )
-    return rate_error_percent(
+    return calc_rate_error(
         machine,
         _place_operating_points(points, drive, wanted),
         changed,
@@ -127,22 +129,22 @@ def _place_operating_points(
 def _calc_extra_lag_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
     """Return the additional lag of a drive or a sensor, s; None where the log does not move it."""
     plans = _make_both_schedules(part, machine)
-    stage = ROWS[part.id].stage
+    stage = EFFECT_ROWS[part.id].stage
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
     if drive is not None:
         moves = np.flatnonzero(np.diff(drive.command)) + 1
         now, late = (_find_standing_rows(drive, plan) for plan in plans)
-        return _calc_behind_s(
+        return _calc_lag_s(
             now, late, drive.clock_s, moves[drive.time_s[moves] >= (part.onset_s or -np.inf)]
         )
     if stage == "speed" and data.speed is not None:
         every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
         now, late = (select_speed_rows(data.speed)(plan, MAX_MODEL_STEP_S)[:, 1] for plan in plans)
-        return _calc_behind_s(now, late, join_clock(data.speed.time_s, SEAM_S), every)
+        return _calc_lag_s(now, late, join_clock(data.speed.time_s, SEAM_S), every)
     return None
 
 
-def _calc_behind_s(
+def _calc_lag_s(
     now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]
 ) -> float | None:
     """Estimate the lag of one series behind another, s, by least squares over windows from one move

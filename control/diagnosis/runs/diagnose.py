@@ -23,28 +23,28 @@ from topdress.control.diagnosis.dataframe_input import (
     name_frame_library,
     read_columns,
 )
-from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.on_log import LogPredictor
 from topdress.control.diagnosis.prediction.predictive_validation import validate_prediction
 from topdress.control.diagnosis.prediction.rival import find_curves
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.values import blank_unreadable
 
-from .channels import ChannelSeries, make_channels, without_narrowband
+from .channels import ChannelSeries, make_channels, remove_narrowband
 from .findings import (
-    hidden_by_load,
+    note_doubted_units,
     note_faults_between_rows,
     note_hardly_read,
     note_reverse_turning,
+    note_unloaded_flanks,
+    note_unsure_drives,
     note_whole_log,
-    units_doubted,
-    unsure_drives,
 )
 from .hypothesis import Hypothesis
-from .intermittent import ReadOff, without_spells
-from .log import Clean, clean_run_log
-from .model import GROUPS
-from .quantised import without_steps
+from .intermittent import DirectDetection, remove_spells
+from .log import CleanLog, clean_run_log
+from .model import CHANNEL_GROUPS
+from .quantised import correct_steps
 from .rates import describe_rate_fit, fit_rate_passes
 from .report import make_report
 from .row_order import order_log_rows
@@ -55,7 +55,7 @@ from .stages import RunData, make_run_data
 T = TypeVar("T")
 # Number of model runs after which the progress bar shows half: the total number is unknown in
 # advance.
-HALF_WAY = 200
+HALF_PROGRESS_RUNS = 200
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -243,27 +243,27 @@ def judge_run(
             raise Cancelled from error
 
     step(0.0, "data")
-    log, data, read_off = series_of_log(columns, machine)
+    log, data, read_off = prepare_log(columns, machine)
     findings = [
         *log.findings,
         *note_reverse_turning(log, machine),
-        *unsure_drives(log, data),
+        *note_unsure_drives(log, data),
         *note_hardly_read(log, data),
-        *units_doubted(data, machine),
-        *hidden_by_load(data, machine),
+        *note_doubted_units(data, machine),
+        *note_unloaded_flanks(data, machine),
     ]
     # Numerical warnings are silenced, because `has_finite_numbers` examines the results.
     with np.errstate(all="ignore"):
         seen = make_channels(data, machine)
     step(0.05, "channels")
     without = attempt_step(
-        "a speed sensor's narrowband noise", lambda: without_narrowband(seen, machine), findings
+        "a speed sensor's narrowband noise", lambda: remove_narrowband(seen, machine), findings
     )
     if without is not None:
         seen = without[0]
         findings += without[1]
     step(0.1, "model")
-    on_log = cache(lambda: OnLog(log, data, machine))
+    on_log = cache(lambda: LogPredictor(log, data, machine))
     groups = _judge_all_groups(
         seen, machine, data, cache(lambda: find_curves(on_log())), step, each, findings
     )
@@ -300,15 +300,15 @@ def judge_run(
 
 def _keep_sound_results(
     groups: list[GroupResult],
-    read_off: tuple[ReadOff, ...],
+    read_off: tuple[DirectDetection, ...],
     data: RunData,
     machine: Machine,
     findings: list[str],
-) -> tuple[list[GroupResult], tuple[ReadOff, ...]]:
+) -> tuple[list[GroupResult], tuple[DirectDetection, ...]]:
     """Return the groups and the directly detected effects whose results are finite; a finding
     reports each that is left out."""
 
-    def holds(what: str, some: list[GroupResult], seen: tuple[ReadOff, ...]) -> bool:
+    def holds(what: str, some: list[GroupResult], seen: tuple[DirectDetection, ...]) -> bool:
         reported = attempt_step(
             what, lambda: make_report(data, machine, some, seen, "", ()), findings
         )
@@ -345,18 +345,18 @@ def _add_rate_findings(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]
     return replace(found, rates=fits, findings=(*found.findings, *said))
 
 
-def series_of_log(
+def prepare_log(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
-    ordered: Callable[[Clean, Machine], Clean] = order_log_rows,
-) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
+    ordered: Callable[[CleanLog, Machine], CleanLog] = order_log_rows,
+) -> tuple[CleanLog, RunData, tuple[DirectDetection, ...]]:
     """Return the cleaned log, its channels with encoder steps and intermittent effects removed, and
     the removed effects."""
     failed: list[str] = []
     log = clean_run_log(columns, machine.has_stage)
     log = attempt_step("the order of rows", lambda: ordered(log, machine), failed) or log
     in_steps = attempt_step(
-        "steps of the shaft's readings", lambda: without_steps(log, machine), failed
+        "steps of the shaft's readings", lambda: correct_steps(log, machine), failed
     )
     if in_steps is None:
         data, in_spells = _without_spells(_make_run_data(log, machine, failed), machine, failed)
@@ -374,7 +374,7 @@ def series_of_log(
     return log._replace(findings=(*log.findings, *failed)), data, (in_steps.seen, *in_spells)
 
 
-def _make_run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
+def _make_run_data(log: CleanLog, machine: Machine, failed: list[str]) -> RunData:
     """Build the channels of a log. Raises ValueError where no channel can be built."""
     with np.errstate(all="ignore"):
         if (
@@ -393,9 +393,9 @@ def _make_run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
 
 def _without_spells(
     data: RunData, machine: Machine, failed: list[str]
-) -> tuple[RunData, tuple[ReadOff, ...]]:
+) -> tuple[RunData, tuple[DirectDetection, ...]]:
     return attempt_step(
-        "missing pulses and bridges", lambda: without_spells(data, machine), failed
+        "missing pulses and bridges", lambda: remove_spells(data, machine), failed
     ) or (
         data,
         (),
@@ -412,7 +412,7 @@ def _judge_all_groups(
     findings: list[str],
 ) -> list[GroupResult]:
     """Judge each group of channels; the groups share only the log."""
-    groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
+    groups = {word: [seen[c] for c in names if c in seen] for word, names in CHANNEL_GROUPS.items()}
     words = [word for word, members in groups.items() if members]
     # Counts model runs by group, to estimate the progress.
     runs = dict.fromkeys(words, 0)
@@ -420,7 +420,10 @@ def _judge_all_groups(
     def judge(word: str) -> GroupResult | None:
         def ask() -> None:
             runs[word] += 1
-            step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
+            step(
+                0.1 + 0.8 * sum(k / (k + HALF_PROGRESS_RUNS) for k in runs.values()) / len(words),
+                word,
+            )
 
         what = join_channel_names(one.name for one in groups[word])
         return attempt_step(

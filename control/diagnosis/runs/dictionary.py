@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis import effects
-from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.diagnosis.judgement.noise import calc_coefficients
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import (
     FORMS,
@@ -40,7 +40,7 @@ from .drives import Drive
 from .hopper import average_bins, average_metered
 from .hypothesis import EffectInstance, Hypothesis, make_schedule
 from .model import GroupModel
-from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
+from .smooth import DOWNSTREAM_VARIABLES, MIN_RANGE, NOMINAL_RANGES
 from .stages import RunData
 from .whitened import WhitenedResidual
 
@@ -62,23 +62,23 @@ UNIT_EFFECT = {
 # speed. In a product with another variable that noise averages to zero.
 NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
 # Change of the shaft, in % or r/min, for a numerical slope.
-SHAFT_PROBE = 0.5
+SHAFT_SLOPE_STEP = 0.5
 # Responses below this, r/min, are rounding errors.
-SHAFT_NOTHING = 1e-6
+MIN_RESPONSE_RPM = 1e-6
 # Minimum speed of a turning shaft, r/min: nothing flows below this speed.
-TURNS_RPM = 1.0
+MIN_TURNING_RPM = 1.0
 # Share of the fastest command below which the shaft is commanded to stand.
-TURNS_SHARE = 1e-3
+MIN_COMMAND_SHARE = 1e-3
 # Minimum share of rows with a turning shaft: fewer rows do not show the range of a variable.
-WORKS_SHARE = 0.1
+MIN_WORKING_SHARE = 0.1
 # Forms are selected by components below this frequency, Hz, because the variables are means over
 # 1.5 s.
-SLOWER_THAN_HZ = 2.5
+MAX_FREQUENCY_HZ = 2.5
 # Minimum number of cosine coefficients; a short log uses all its coefficients.
-LEAST_KEPT = 64
+MIN_COEFFICIENTS = 64
 # Minimum share of the information on a constant, after the hypothesis, for a constant to be fitted
 # as well.
-LEAST_LEVEL = 1e-3
+MIN_LEVEL_SHARE = 1e-3
 
 
 def list_shown_quantities(model: GroupModel) -> list[TermTarget]:
@@ -92,28 +92,28 @@ def list_shown_quantities(model: GroupModel) -> list[TermTarget]:
     ]
 
 
-class ActedOn:
+class TargetResponse:
     """Converts series of one quantity over the log's rows into series of its channel, under a
     hypothesis."""
 
     def __init__(self, model: GroupModel, parts: Hypothesis, acts: TermTarget) -> None:
-        self.channel = model.channel(CHANNEL_OF[acts])
+        self.channel = model.find_channel(CHANNEL_OF[acts])
         self.acts, self._model, self._parts = acts, model, parts
         unit = UNIT_EFFECT.get(acts)
         self._unit = (
-            np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
+            np.ones(1) if unit is None else model.calc_difference(parts, unit)[self.channel.name]
         )
 
     @cached_property
     def constant(self) -> Array:
         """Change of the channel for a constant change of the quantity (1, m)."""
-        return self.of(np.ones((1, len(self._model.data.row_s))))
+        return self.calc_response(np.ones((1, len(self._model.data.row_s))))
 
-    def of(self, rows: Array) -> Array:
+    def calc_response(self, rows: Array) -> Array:
         """Return the change of the channel for one unit of each series: (k, m) of (k, rows)."""
         data, channel = self._model.data, self.channel
         if channel.name in ("shaft", "gate"):
-            return channel.grid.of(self._respond_as_drive(rows))
+            return channel.grid.interpolate(self._respond_as_drive(rows))
         if channel.name == "speed":
             return (
                 np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows])
@@ -122,11 +122,13 @@ class ActedOn:
         hopper = data.hopper
         assert hopper is not None
         if self.acts is TermTarget.SCALE_KG:
-            return channel.grid.of(
+            return channel.grid.interpolate(
                 np.array([average_bins(one, data.row_s, hopper.time_s)[:-1] for one in rows])
             )
         metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
-        share = channel.grid.of(average_metered(rows, metered, data.row_s, hopper.time_s)[:, :-1])
+        share = channel.grid.interpolate(
+            average_metered(rows, metered, data.row_s, hopper.time_s)[:, :-1]
+        )
         share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
@@ -150,7 +152,7 @@ class ActedOn:
     def _respond_as_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
         """Return the slope of the shaft speed in a series over its rows; the slope is zero while
         the shaft accelerates at its limit."""
-        share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
+        share = SHAFT_SLOPE_STEP / max(1e-12, float(np.max(np.abs(one))))
         moved = (
             drive._replace(more=drive.more + share * one)
             if self.acts is TermTarget.SHAFT_PERCENT
@@ -158,11 +160,11 @@ class ActedOn:
         )
         change = self._respond_as_shaft_rpm(moved) - was
         return np.asarray(
-            change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change))
+            change / share if np.abs(change).max() > MIN_RESPONSE_RPM else np.zeros(len(change))
         )
 
 
-class Variables(NamedTuple):
+class FormVariables(NamedTuple):
     """Variables over which the forms of one quantity are tried."""
 
     by_name: dict[str, ScaledVariable]
@@ -177,7 +179,7 @@ class Variables(NamedTuple):
         variable that is excluded alone."""
         return form.kind.has_level and form.over[-1] not in self.never_alone
 
-    def pairs(self) -> list[tuple[str, str]]:
+    def list_pairs(self) -> list[tuple[str, str]]:
         return [(a, b) for k, a in enumerate(self.two) for b in self.two[k + 1 :]]
 
 
@@ -192,7 +194,7 @@ class FormGroup(NamedTuple):
     # Whether a constant is fitted as well.
     level: bool
 
-    def only(self, forms: Sequence[bool]) -> FormGroup:
+    def select_forms(self, forms: Sequence[bool]) -> FormGroup:
         """Return the group reduced to some of its forms."""
         chosen = np.flatnonzero(forms)
         return self._replace(
@@ -210,18 +212,21 @@ class FormCandidate(NamedTuple):
     score: float = 0.0
 
 
-class Dictionary:
+class FormDictionary:
     """All forms that are tried on a group of channels. of : the variables of each quantity."""
 
     def __init__(self, model: GroupModel) -> None:
         self._data = model.data
         self.of = {
-            acts: (ActedOn(model, (), acts), _list_variables(model.data, model.machine, acts))
+            acts: (
+                TargetResponse(model, (), acts),
+                _list_variables(model.data, model.machine, acts),
+            )
             for acts in list_shown_quantities(model)
         }
         self._made: dict[TermTarget, list[FormGroup]] = {}
 
-    def entries(self, acts: TermTarget) -> list[FormGroup]:
+    def list_form_groups(self, acts: TermTarget) -> list[FormGroup]:
         if acts not in self._made:
             acted, variables = self.of[acts]
             self._made[acts] = [
@@ -231,7 +236,7 @@ class Dictionary:
             ]
         return self._made[acts]
 
-    def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[FormCandidate]:
+    def scan_forms(self, residual: WhitenedResidual, temporary: bool) -> list[FormCandidate]:
         """Return the best forms over each variable or pair of variables, under a given noise.
 
         temporary : whether only variables of this run alone are tried, or only the others.
@@ -242,13 +247,17 @@ class Dictionary:
             for one in scan_dictionary(
                 residual,
                 acted,
-                [entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary],
+                [
+                    entry
+                    for entry in self.list_form_groups(acts)
+                    if entry.forms[0].kind.one_run == temporary
+                ],
             )
         ]
 
 
 def scan_dictionary(
-    residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]
+    residual: WhitenedResidual, acted: TargetResponse, entries: Sequence[FormGroup]
 ) -> list[FormCandidate]:
     """Return the best form over each variable or pair, and the best discontinuous form.
 
@@ -257,16 +266,18 @@ def scan_dictionary(
     """
     found: list[FormCandidate] = []
     for entry in entries:
-        left = residual.beyond(acted.channel, entry.kept)
-        if entry.level and left.A[-1, -1] > LEAST_LEVEL:
-            left = left.beyond(left.A[:, -1:], left.of(np.array([-1])).fit(np.array([np.inf])))
-        left = left.of(np.arange(len(left.s) - 1))
+        left = residual.project_out_base(acted.channel, entry.kept)
+        if entry.level and left.A[-1, -1] > MIN_LEVEL_SHARE:
+            left = left.project_out(
+                left.A[:, -1:], left.select_columns(np.array([-1])).fit(np.array([np.inf]))
+            )
+        left = left.select_columns(np.arange(len(left.s) - 1))
         single = [k for k, mix in enumerate(entry.mixes) if mix.shape[1] == 1]
         gains = (
             dict(
                 zip(
                     single,
-                    left.gains_of_single(np.hstack([entry.mixes[k] for k in single])).tolist(),
+                    left.calc_single_gains(np.hstack([entry.mixes[k] for k in single])).tolist(),
                     strict=True,
                 )
             )
@@ -284,7 +295,7 @@ def scan_dictionary(
     return found
 
 
-def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
+def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> FormVariables:
     """Return the variables that change in the log, by name, and those that may be multiplied with
     each other."""
     stage = TARGET_STAGES[acts]
@@ -294,8 +305,8 @@ def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variab
     if "hopper_kg" in data.variables:
         inputs["hopper_kg"] = np.interp(data.row_s, data.time_s, data.variables["hopper_kg"])
     work = np.ones(len(data.row_s), bool)
-    turning = inputs.get("shaft_rpm", np.ones(len(work))) > TURNS_RPM
-    if stage in ("shaft", "flow") and turning.sum() > WORKS_SHARE * len(work):
+    turning = inputs.get("shaft_rpm", np.ones(len(work))) > MIN_TURNING_RPM
+    if stage in ("shaft", "flow") and turning.sum() > MIN_WORKING_SHARE * len(work):
         work = turning
     found: dict[str, ScaledVariable] = {}
     for name in _list_variable_names(data, acts):
@@ -303,14 +314,14 @@ def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variab
         if values is None or not np.isfinite(values).all():
             continue
         one = scale_variable(name, values, work, data.row_s, run_term)
-        least = scale_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(
+        least = scale_nominal(machine, NOMINAL_RANGES.get(name, ())) * MIN_RANGE.get(
             name, float(np.finfo(float).tiny)
         )
         if one.high - one.low >= least:
             found[name] = one
     if acts is TermTarget.SHAFT_RPM:
         commands = data.inputs[COMMANDED_RPM]
-        turning = commands > TURNS_SHARE * float(commands.max(initial=0.0))
+        turning = commands > MIN_COMMAND_SHARE * float(commands.max(initial=0.0))
         found["shaft_rpm"] = ScaledVariable(
             "shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, run_term
         )
@@ -323,7 +334,9 @@ def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variab
     double = tuple(
         name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone)
     )
-    return Variables(found, single, double if acts is not TermTarget.SHAFT_RPM else (), never_alone)
+    return FormVariables(
+        found, single, double if acts is not TermTarget.SHAFT_RPM else (), never_alone
+    )
 
 
 def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
@@ -334,7 +347,7 @@ def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
     names = [
         name
         for name in (*MIN_RANGE, *further)
-        if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())
+        if name not in DOWNSTREAM_VARIABLES[stage] - NEVER_ALONE.get(stage, frozenset())
     ]
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
     # On a bench, time and command are confounded.
@@ -344,14 +357,14 @@ def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
 
 
 def _list_tried_forms(
-    acts: TermTarget, variables: Variables, data: RunData
+    acts: TermTarget, variables: FormVariables, data: RunData
 ) -> Iterator[list[TriedForm]]:
     """Yield the forms of one quantity, grouped by the series that they share."""
     by_name = variables.by_name
     if acts is TermTarget.SHAFT_RPM:
         yield LostConstantForm.list_candidates(by_name["shaft_rpm"])
     for name in variables.one:
-        unseen = _moves_unseen(acts, name, data)
+        unseen = _lacks_commands(acts, name, data)
         yield [
             form
             for kind in FORMS.values()
@@ -360,7 +373,7 @@ def _list_tried_forms(
         ]
     yield [
         form
-        for a, b in variables.pairs()
+        for a, b in variables.list_pairs()
         for form in ProductForm.list_pair_candidates(by_name[a], by_name[b])
     ]
     for last in variables.never_alone:
@@ -371,7 +384,7 @@ def _list_tried_forms(
         ]
 
 
-def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
+def _lacks_commands(acts: TermTarget, name: str, data: RunData) -> bool:
     """Tell whether the log lacks some of a drive's commands. A form over the command would then
     only describe the moves that were not logged."""
     drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(
@@ -380,7 +393,9 @@ def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
     return drive is not None and not drive.moves_seen and name == own
 
 
-def _make_form_group(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> FormGroup:
+def _make_form_group(
+    forms: Sequence[TriedForm], acted: TargetResponse, variables: FormVariables
+) -> FormGroup:
     """Build a group of forms with the channel responses of their shared series."""
     places: dict[FormSeries, int] = {}
     for series in (series for form in forms for column in form.columns for series in column):
@@ -393,15 +408,16 @@ def _make_form_group(forms: Sequence[TriedForm], acted: ActedOn, variables: Vari
                 mix[places[series], k] = weight
         mixes.append(mix)
     rows = np.array([series.calc_rows(variables.by_name) for series in places])
-    every = coefficients(
-        np.concatenate((acted.of(rows), acted.constant)).astype(np.float32), acted.channel.cut
+    every = calc_coefficients(
+        np.concatenate((acted.calc_response(rows), acted.constant)).astype(np.float32),
+        acted.channel.cut,
     )
     slow = (
-        2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s
+        2.0 * MAX_FREQUENCY_HZ * acted.channel.grid.step_s
         if SHAFT_ANGLE not in forms[0].over
         else 1.0
     )
-    count = max(LEAST_KEPT, int(min(1.0, slow) * every.shape[1]))
+    count = max(MIN_COEFFICIENTS, int(min(1.0, slow) * every.shape[1]))
     return FormGroup(
         tuple(forms),
         tuple(mixes),

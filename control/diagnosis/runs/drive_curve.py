@@ -31,10 +31,10 @@ from .hypothesis import EffectInstance, Hypothesis
 from .search import Search
 
 # Frequency and damping of one step response.
-SWING = (SHAFT_SLOW.id, SHAFT_SECOND_ORDER.id)
-FAMILY = frozenset(
+SECOND_ORDER_IDS = (SHAFT_SLOW.id, SHAFT_SECOND_ORDER.id)
+CURVE_EFFECT_IDS = frozenset(
     {
-        *SWING,
+        *SECOND_ORDER_IDS,
         *(
             one.id
             for one in (
@@ -52,11 +52,11 @@ FAMILY = frozenset(
 # Trial natural frequencies, in 1 / the machine file's time constant. An oscillation of another
 # frequency loses phase after some 1 / (2 pi damping) periods, so a local fit converges only from
 # within a quarter of that. Every frequency is evaluated first, and the best are fitted.
-FREQUENCIES = np.geomspace(0.1, 10.0, 16)
+TRIAL_FREQUENCIES = np.geomspace(0.1, 10.0, 16)
 # Trial damping ratios: long oscillation, overshoot, slight overshoot, two time constants.
-DAMPINGS = (0.1, 0.3, 0.8, 2.0)
+TRIAL_DAMPINGS = (0.1, 0.3, 0.8, 2.0)
 # Number of best starts that are fitted.
-FITTED_FROM = 2
+FITTED_START_COUNT = 2
 
 
 def list_multi_effect_hypotheses(
@@ -76,15 +76,18 @@ def list_multi_effect_hypotheses(
     swings = any(
         part.id == SHAFT_SECOND_ORDER.id and part.onset_s is None for part in (*now, *proposed)
     )
-    if swings and set(SWING) <= tried and not set(SWING) <= names:
-        yield from _list_swing_starts(
-            search, tuple(part for part in now if part.id not in (*SWING, SHAFT_DEAD_TIME.id))
+    if swings and set(SECOND_ORDER_IDS) <= tried and not set(SECOND_ORDER_IDS) <= names:
+        yield from _list_second_order_starts(
+            search,
+            tuple(part for part in now if part.id not in (*SECOND_ORDER_IDS, SHAFT_DEAD_TIME.id)),
         )
-    if now and not model.channel("shaft").settled:
+    if now and not model.find_channel("shaft").settled:
         # A log of moves shows the effects of a curve separately as well, so a single joint start is
         # enough.
         return
-    others = tuple(part for part in now if part.id not in FAMILY or part.onset_s is not None)
+    others = tuple(
+        part for part in now if part.id not in CURVE_EFFECT_IDS or part.onset_s is not None
+    )
     tried -= {part.id for part in others}
     for curve in search.curves():
         parts = tuple(part for part in curve if part.id in tried)
@@ -92,16 +95,16 @@ def list_multi_effect_hypotheses(
             yield (*others, *parts)
 
 
-def _list_swing_starts(search: Search, others: Hypothesis) -> list[Hypothesis]:
+def _list_second_order_starts(search: Search, others: Hypothesis) -> list[Hypothesis]:
     """Return the best starts over all frequencies and dampings: T = 2 damping / frequency, T2 = 1 /
     (2 damping frequency)."""
     model, tau_s = search.model, calc_time_constant_s(search.model.machine.shaft)
     measured, (low, high) = (
-        model.channel("shaft").measured,
-        np.array([find_size_range(one, model.machine) for one in SWING]).T,
+        model.find_channel("shaft").measured,
+        np.array([find_size_range(one, model.machine) for one in SECOND_ORDER_IDS]).T,
     )
     found = []
-    for frequency, damping in product(FREQUENCIES, DAMPINGS):
+    for frequency, damping in product(TRIAL_FREQUENCIES, TRIAL_DAMPINGS):
         sizes = np.clip(
             [2.0 * damping * tau_s / frequency - tau_s, 0.5 * tau_s / (damping * frequency)],
             low,
@@ -109,9 +112,15 @@ def _list_swing_starts(search: Search, others: Hypothesis) -> list[Hypothesis]:
         )
         parts = (
             *others,
-            *(EffectInstance(name, size) for name, size in zip(SWING, sizes.tolist(), strict=True)),
+            *(
+                EffectInstance(name, size)
+                for name, size in zip(SECOND_ORDER_IDS, sizes.tolist(), strict=True)
+            ),
         )
         found.append(
-            (float(np.sum((measured - model.run(parts, only=("shaft",))["shaft"]) ** 2)), parts)
+            (
+                float(np.sum((measured - model.run_model(parts, only=("shaft",))["shaft"]) ** 2)),
+                parts,
+            )
         )
-    return [parts for _, parts in sorted(found, key=lambda one: one[0])[:FITTED_FROM]]
+    return [parts for _, parts in sorted(found, key=lambda one: one[0])[:FITTED_START_COUNT]]

@@ -23,8 +23,8 @@ from topdress.control.machine.shaft import calc_acceleration_rpm_s
 from topdress.control.machine.term_sums import sum_over_log
 
 from .grid import SMOOTH_S, Grid, bridge_gaps, make_grid, select_windows, smooth_series
-from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_log_rows, make_term_inputs
-from .log import MIN_ROWS, MIN_SETTLED, Clean
+from .inputs import MAX_FINE_STEP_S, STOPPED_RPM, LogRows, make_log_rows, make_term_inputs
+from .log import MIN_ROWS, MIN_SETTLED_ROWS, CleanLog
 
 Array = npt.NDArray[np.float64]
 
@@ -32,20 +32,20 @@ Array = npt.NDArray[np.float64]
 # log.
 SETTLE_S = 3.0
 # The start state is forgotten after this multiple of a drive's settling time: exp(-10).
-SETTLES = 2.0 * SETTLING_TAUS
+START_SETTLE_TAUS = 2.0 * SETTLING_TAUS
 # Maximum share of rows before which commands may be missing; with more, no move is known.
-MAX_LOST = 0.1
+MAX_LOST_SHARE = 0.1
 # Share of missing rows from which a computer may have been late.
-LATE_ROWS = 0.01
+MIN_LATE_SHARE = 0.01
 # Deviation of the row times from whole steps, as a share of a step, from which the computer was
 # late, also when it wrote the rows.
-OFF_STEP = 0.02
+MIN_STEP_ERROR = 0.02
 # Standard deviation of a late row's time, as a share of a row: a uniform delay of up to a row, 1 /
 # sqrt(12).
-STAMP_SHARE = 0.29
+STAMP_SD_SHARE = 0.29
 # Commands that differ by less are equal: a third of a reading's noise. r/min and mm are those of
 # the nominal machine, and are scaled to the range of another machine.
-SAME_RPM, SAME_MM = 0.1, 0.05
+EQUAL_COMMAND_RPM, EQUAL_COMMAND_MM = 0.1, 0.05
 # A shaft that was commanded to stand reads below this, noise included.
 STILL_READ_RPM = 1.5 * STOPPED_RPM
 # Time after the command to stop, s, in which the smoothed reading forgets the rotation.
@@ -53,15 +53,15 @@ STILL_AFTER_S = SMOOTH_S
 # Time in which a drive has answered a command, s, if the machine file does not say more.
 ANSWERS_S = 1.0
 # Multiple of the travel time by the machine file: a drive of half the speed has answered as well.
-SLOWER = 2.0
+TRAVEL_MARGIN = 2.0
 # Multiple of the reading's standard deviation from which a drive has moved (1e-9 by chance).
-LEAPS_SD = 6.0
+MIN_MOVE_SD = 6.0
 # Maximum share of readings that repeat the reading before; with more, the digits are coarser than
 # the noise.
-REPEATS_SELDOM = 0.1
+MAX_REPEAT_SHARE = 0.1
 # Multiple of the reading's standard deviation: a shaft that reads further below 0 turns backwards
 # (1e-9 by chance).
-READ_BACKWARDS_SD = 6.0
+MIN_REVERSE_SD = 6.0
 
 
 class Drive(NamedTuple):
@@ -93,7 +93,7 @@ class Drive(NamedTuple):
     more_rpm: Array | float = 0.0
 
 
-def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
+def read_whole_drives(log: CleanLog, machine: Machine) -> dict[str, Drive]:
     """Return shaft and gate of a log, by name, at every row, also of a long log that is otherwise
     examined in windows."""
     every = make_log_rows(log, machine)
@@ -103,7 +103,7 @@ def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     return read_drives(log, every._replace(more=more), machine, whole=True)
 
 
-def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
+def read_drives(log: CleanLog, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
     c, found, still_rpm = log.columns, {}, scale_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(
@@ -119,14 +119,17 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
         sure = ~still & _find_settled_rows(
             every,
             every.command_rpm,
-            scale_nominal(machine, SHAFT_RANGE) * SAME_RPM,
+            scale_nominal(machine, SHAFT_RANGE) * EQUAL_COMMAND_RPM,
             machine.shaft.dead_time_s + SETTLING_TAUS * machine.shaft.time_constant_s,
             calc_acceleration_rpm_s(machine.shaft),
         )
-        sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
-        sure &= ~turns_at_zero(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
+        sure &= ~find_reverse_rows(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
+        sure &= ~find_zero_command_rotation(
+            every.time_s, every.command_rpm, c["shaft_rpm"], machine
+        )
         settle_s = min(
-            SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
+            SETTLE_S,
+            START_SETTLE_TAUS * (machine.shaft.dead_time_s + machine.shaft.time_constant_s),
         )
         settled = log.held and every.step_s > SETTLING_TAUS * (
             machine.shaft.dead_time_s + machine.shaft.time_constant_s
@@ -141,13 +144,13 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
             noise=machine.noise.shaft_rpm,
             settle_s=settle_s,
             settled=settled,
-            least=MIN_SETTLED if log.held else MIN_ROWS,
+            least=MIN_SETTLED_ROWS if log.held else MIN_ROWS,
         )
     if "gate" in log.stages:
         sure = _find_settled_rows(
             every,
             every.command_mm,
-            scale_nominal(machine, OPENING_RANGE) * SAME_MM,
+            scale_nominal(machine, OPENING_RANGE) * EQUAL_COMMAND_MM,
             machine.gate.dead_time_s,
             machine.gate.slew_mm_s,
         )
@@ -163,7 +166,7 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
     return {name: drive for name, drive in found.items() if drive is not None}
 
 
-def against_the_way(
+def find_reverse_rows(
     time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine
 ) -> npt.NDArray[np.bool_]:
     """Return the rows that command or read reverse rotation, though the machine file allows one
@@ -175,13 +178,13 @@ def against_the_way(
     if machine.shaft.one_way <= 0.0:
         return np.zeros(len(time_s), bool)
     stopped_rpm = scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
-    noise_rpm = READ_BACKWARDS_SD * machine.noise.shaft_rpm
+    noise_rpm = MIN_REVERSE_SD * machine.noise.shaft_rpm
     back = (command_rpm < -stopped_rpm) | (read_rpm < -max(stopped_rpm, noise_rpm))
     last = np.maximum.accumulate(np.where(back, time_s, -np.inf))
-    return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
+    return np.asarray(time_s - last <= START_SETTLE_TAUS * machine.shaft.time_constant_s)
 
 
-def turns_at_zero(
+def find_zero_command_rotation(
     time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine
 ) -> npt.NDArray[np.bool_]:
     """Return the rows in which a shaft turns at a command of 0, though its machine file says that 0
@@ -196,20 +199,22 @@ def turns_at_zero(
     )
     least_rpm = max(
         scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM,
-        READ_BACKWARDS_SD * machine.noise.shaft_rpm,
+        MIN_REVERSE_SD * machine.noise.shaft_rpm,
     )
     if (
         shaft.zero_stops <= 0.0
         or shaft.regulated > 0.0
-        or rests.sum() < MIN_SETTLED
+        or rests.sum() < MIN_SETTLED_ROWS
         or not float(np.median(np.abs(read_rpm[rests]))) > least_rpm
     ):
         return np.zeros(len(time_s), bool)
     last = np.maximum.accumulate(np.where(at_zero, time_s, -np.inf))
-    return np.asarray(time_s - last <= shaft.dead_time_s + SETTLES * shaft.time_constant_s)
+    return np.asarray(
+        time_s - last <= shaft.dead_time_s + START_SETTLE_TAUS * shaft.time_constant_s
+    )
 
 
-def read_off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
+def measure_zero_offset(drive: Drive | None, machine: Machine) -> ZeroOffset:
     """Return how a shaft responds to a command of 0."""
     if drive is None:
         return NO_ZERO_OFFSET
@@ -240,8 +245,8 @@ def _find_settled_rows(
         return np.ones(len(command), bool)
     way = np.nan_to_num(np.abs(np.diff(command, prepend=command[0])))
     answers_s = (
-        np.maximum(ANSWERS_S, SLOWER * (dead_s + way / per_s))
-        if every.step_s <= FINE_LOG_S
+        np.maximum(ANSWERS_S, TRAVEL_MARGIN * (dead_s + way / per_s))
+        if every.step_s <= MAX_FINE_STEP_S
         else ANSWERS_S
     )
     unsure_until = np.where((way > same) & every.lost, every.time_s + answers_s, -np.inf)
@@ -253,9 +258,9 @@ def _is_computer_late(every: LogRows) -> bool:
     logger that only lost rows keeps whole steps."""
     steps = np.diff(every.time_s) / every.step_s
     return (
-        every.step_s <= FINE_LOG_S
-        and float(np.mean(every.lost)) > LATE_ROWS
-        and float(np.mean(np.abs(steps - np.round(steps)) > OFF_STEP)) > LATE_ROWS
+        every.step_s <= MAX_FINE_STEP_S
+        and float(np.mean(every.lost)) > MIN_LATE_SHARE
+        and float(np.mean(np.abs(steps - np.round(steps)) > MIN_STEP_ERROR)) > MIN_LATE_SHARE
     )
 
 
@@ -270,10 +275,10 @@ def _find_quick_rows(every: LogRows, measured: Array, noise: float) -> npt.NDArr
         return np.zeros(len(measured), bool)
     rate = np.abs(np.gradient(np.interp(time, time[known], measured[known]), time))
     # The neighbouring rows are included.
-    return np.asarray(maximum_filter1d(rate, 3) * STAMP_SHARE * every.step_s > noise)
+    return np.asarray(maximum_filter1d(rate, 3) * STAMP_SD_SHARE * every.step_s > noise)
 
 
-def repeated_in_motion(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
+def find_repeated_rows(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     """Return the rows that repeat the reading before to the last digit while the drive moves: (n,).
 
     The drive moves when the readings before and after differ by more than `noise` (1 s.d. of a
@@ -284,10 +289,10 @@ def repeated_in_motion(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     found, known = np.zeros(len(measured), bool), np.flatnonzero(np.isfinite(measured))
     values = measured[known]
     again = np.concatenate(([False], values[1:] == values[:-1]))
-    if not again.any() or np.mean(again) > REPEATS_SELDOM:
+    if not again.any() or np.mean(again) > MAX_REPEAT_SHARE:
         return found
     run = np.cumsum(~again) - 1
-    leaps = np.abs(np.diff(values[~again])) > LEAPS_SD * noise
+    leaps = np.abs(np.diff(values[~again])) > MIN_MOVE_SD * noise
     moves = np.concatenate(([False], leaps)) & np.concatenate((leaps, [False]))
     found[known] = again & moves[run]
     return found
@@ -320,7 +325,7 @@ def _make_drive(
     quick = _find_quick_rows(every, measured, noise)[pick]
     # Rows of a staircase of settings are answers of their own, so equal readings are no lost
     # readings there.
-    held = repeated_in_motion(measured, noise) & (not settled)
+    held = find_repeated_rows(measured, noise) & (not settled)
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick & ~held[pick]
     if known.sum() < least:
         return None
@@ -338,7 +343,7 @@ def _make_drive(
         every.loads_mm[pick],
         every.supply_v[pick],
         grid,
-        moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not settled,
+        moves_seen=bool(np.mean(every.lost) < MAX_LOST_SHARE) and not quick.any() and not settled,
         settled=settled,
         left_out=int(np.sum(quick)),
         more=0.0 if more is None else more[pick],

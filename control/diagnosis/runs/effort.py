@@ -14,29 +14,29 @@ from topdress.control.machine.machine import Machine, scale_nominal
 
 from .grid import Grid, bridge_gaps, make_grid
 from .inputs import WORKING_RPM, LogRows
-from .log import MIN_ROWS, Clean
+from .log import MIN_ROWS, CleanLog
 
 Array = npt.NDArray[np.float64]
 
 # Channels of the metering shaft's effort and of the gate's effort.
-EFFORT = ("effort", "gate_effort")
+EFFORT_CHANNELS = ("effort", "gate_effort")
 # Bin length, s: a drive's own control loop oscillates for some tenths of a second, so finer bins
 # add no information.
 BIN_S = 0.5
 # Window over which speed and acceleration are estimated from noisy readings, s.
-LOOKED_S = 0.3
+SLOPE_WINDOW_S = 0.3
 # Time after a start and before a stop that is left out, s: breakaway friction and integrator
 # windup.
-SETTLES_S = 0.2
+EDGE_TIME_S = 0.2
 # Maximum change of speed within SLOPE_WINDOW_S, as a share of the shaft's range: with more, the
 # readings' lag matters.
-EVEN_SHARE = 0.02
+MAX_CHANGE_SHARE = 0.02
 # Minimum share of the rows of a bin in which the drive moves.
-FULL = 0.5
+MIN_MOVING_SHARE = 0.5
 # Minimum speed of the gate as a share of its fastest: a slower speed is mostly noise.
-MOVES_SHARE = 0.1
+MIN_SPEED_SHARE = 0.1
 # Maximum time step of a log for the gate, s: its moves take a second or two.
-MOST_STEP_S = 0.25
+MAX_GATE_STEP_S = 0.25
 
 
 class DriveEffort(NamedTuple):
@@ -66,10 +66,10 @@ class DriveEffort(NamedTuple):
     grid: Grid
 
     @property
-    def rows_a_bin(self) -> float:
+    def rows_per_bin(self) -> float:
         return float(np.mean(self.members[self.members > 0]))
 
-    def without(self, bins: npt.NDArray[np.bool_]) -> DriveEffort:
+    def remove_bins(self, bins: npt.NDArray[np.bool_]) -> DriveEffort:
         """Return the effort without some bins, (m,)."""
         members = np.where(bins, 0.0, self.members)
         return self._replace(
@@ -84,35 +84,39 @@ class DriveEffort(NamedTuple):
         )
 
 
-def read_efforts(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
+def read_efforts(log: CleanLog, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
     """Return the efforts of all drives that log their effort and moved."""
-    found = [read_drive_effort(name, log, every, machine) for name in EFFORT if name in log.stages]
+    found = [
+        read_drive_effort(name, log, every, machine)
+        for name in EFFORT_CHANNELS
+        if name in log.stages
+    ]
     return tuple(one for one in found if one is not None)
 
 
 def read_drive_effort(
-    name: str, log: Clean, every: LogRows, machine: Machine
+    name: str, log: CleanLog, every: LogRows, machine: Machine
 ) -> DriveEffort | None:
     """Return the effort of one drive; None where the drive hardly moves."""
     time, step_s = every.time_s, every.step_s
-    rows = max(5, 2 * round(0.5 * LOOKED_S / step_s) + 1)
-    if len(time) <= rows or (name == "gate_effort" and step_s > MOST_STEP_S):
+    rows = max(5, 2 * round(0.5 * SLOPE_WINDOW_S / step_s) + 1)
+    if len(time) <= rows or (name == "gate_effort" and step_s > MAX_GATE_STEP_S):
         return None
     if name == "effort":
         speed, per_s = (
             _fit_local_polynomial(every.shaft_rpm, rows, step_s, 1, nth) for nth in (0, 1)
         )
-        speed = speed if step_s < LOOKED_S else every.shaft_rpm
+        speed = speed if step_s < SLOPE_WINDOW_S else every.shaft_rpm
         least = scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
-        even = np.abs(per_s) * LOOKED_S < EVEN_SHARE * machine.limits.shaft_high_rpm
+        even = np.abs(per_s) * SLOPE_WINDOW_S < MAX_CHANGE_SHARE * machine.limits.shaft_high_rpm
         column = log.columns["shaft_effort"]
     else:
         speed, per_s = (
             _fit_local_polynomial(every.opening_mm, rows, step_s, 2, nth) for nth in (1, 2)
         )
-        least, even = MOVES_SHARE * machine.gate.slew_mm_s, np.ones(len(time), bool)
+        least, even = MIN_SPEED_SHARE * machine.gate.slew_mm_s, np.ones(len(time), bool)
         column = log.columns["gate_effort"]
-    near = 2 * max(1, round(SETTLES_S / step_s)) + 1
+    near = 2 * max(1, round(EDGE_TIME_S / step_s)) + 1
     moving = minimum_filter1d((np.abs(speed) > least).astype(np.int8), near) > 0
     gapped = np.diff(time, prepend=time[0]) > rows * step_s
     used = moving & even & np.isfinite(column) & ~gapped
@@ -122,7 +126,7 @@ def read_drive_effort(
     bins = np.floor((time[used] - time[0]) / width).astype(np.int64)
     members = np.bincount(bins).astype(np.float64)
     # Bins in which the drive hardly moved are left out.
-    members[members < FULL * members.max()] = 0.0
+    members[members < MIN_MOVING_SHARE * members.max()] = 0.0
     hopper = bridge_gaps(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)

@@ -11,22 +11,22 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 from topdress.control.calibration.adopt import make_record, make_title, merge_records
 from topdress.control.calibration.least_squares import FittedInterval, fit_linear
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.machine.compiled import run_flutes
 from topdress.control.machine.machine import Machine
 
-from .effort import EFFORT, DriveEffort, read_drive_effort
+from .effort import EFFORT_CHANNELS, DriveEffort, read_drive_effort
 from .inputs import make_log_rows
 from .log import clean_run_log
 
 Array = npt.NDArray[np.float64]
 
 # Minimum ratio of the upper to the lower quartile of speed, for a friction that depends on speed.
-SPREAD = 1.3
+MIN_SPEED_RATIO = 1.3
 # Minimum ratio of the quartiles of the material load, for a friction that depends on load.
-LOAD_SPREAD = 1.2
+MIN_LOAD_RATIO = 1.2
 # Minimum number of bins for a fit.
-LEAST_BINS = 20
+MIN_BINS = 20
 
 
 class EffortFit(NamedTuple):
@@ -60,23 +60,23 @@ def fit_effort(
     log = clean_run_log(columns)
     every, fits = make_log_rows(log, machine), list[EffortFit]()
     fitted_machine = machine.model_copy(update={"effort_unit": unit or machine.effort_unit})
-    for name in EFFORT:
+    for name in EFFORT_CHANNELS:
         drive = read_drive_effort(name, log, every, machine) if name in log.stages else None
-        if drive is not None and int((drive.members > 0).sum()) >= LEAST_BINS:
+        if drive is not None and int((drive.members > 0).sum()) >= MIN_BINS:
             fitted_machine, fit = _fit_drive_effort(drive, fitted_machine)
             fits.append(fit)
     if not fits:
         raise ValueError(
             f"{data}: no drive tells how hard it works while it moves: shaft_effort or "
             "gate_effort is "
-            f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least"
+            f"needed, with the speed or the opening, in {MIN_BINS} half seconds at least"
         )
     records = tuple(
         make_record(place, one, of, data, date, {})
         for fit in fits
         for place, one, of in fit.numbers
     )
-    of_effort = [one for one, row in ROWS.items() if row.stage == "effort"]
+    of_effort = [one for one, row in EFFECT_ROWS.items() if row.stage == "effort"]
     return Machine.model_validate(
         {
             **dict(fitted_machine),
@@ -103,7 +103,7 @@ def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, Effort
             np.abs(d.bin_row_means(np.where(way, d.speed, np.nan))), (0.25, 0.75)
         )
         stage = stage._replace(**{f"{of}viscous{suffix}": 0.0})
-        if fast > SPREAD * slow:
+        if fast > MIN_SPEED_RATIO * slow:
             asked[f"{of}viscous{suffix}"] = (
                 np.where(way, np.abs(d.speed), 0.0),
                 f"{machine.effort_unit} for each {per}",
@@ -116,7 +116,7 @@ def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, Effort
             )
     if d.name == "effort" and flutes.any():
         light, heavy = np.quantile(flutes, (0.05, 0.95))
-        if heavy > LOAD_SPREAD * max(light, 1e-9):
+        if heavy > MIN_LOAD_RATIO * max(light, 1e-9):
             asked["load"] = flutes, f"{machine.effort_unit} for each g a revolution"
         else:
             notes.append(
@@ -157,7 +157,7 @@ def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, Effort
     scatter = float(fit.residuals.std())
     # Converts the scatter of a bin's mean to that of a single reading, with the correlation of
     # neighbouring bins.
-    a_reading = scatter * wider * np.sqrt(d.rows_a_bin)
+    a_reading = scatter * wider * np.sqrt(d.rows_per_bin)
     noise = machine.noise.model_copy(update={"effort": max(1e-4, float(f"{a_reading:.3g}"))})
     return machine.model_copy(update={"effort": stage, "noise": noise}), EffortFit(
         tuple(numbers), len(y), float(y.mean()), scatter, machine.effort_unit, tuple(notes)

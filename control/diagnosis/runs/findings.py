@@ -8,39 +8,46 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import expit
-from topdress.control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
+from topdress.control.diagnosis.effects import EFFECT_ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
 from topdress.control.diagnosis.judgement.prior import (
-    LISTED,
-    NAMED,
-    log_odds_of_row,
-    log_odds_of_unit,
+    MIN_LISTED_PROB,
+    MIN_NAMED_PROB,
+    calc_row_log_odds,
+    calc_unit_log_odds,
 )
 from topdress.control.machine.effect import OPENING_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import make_drive_channel
-from .drives import SAME_MM, Drive, against_the_way, read_off_zero, read_whole_drives, turns_at_zero
+from .drives import (
+    EQUAL_COMMAND_MM,
+    Drive,
+    find_reverse_rows,
+    find_zero_command_rotation,
+    measure_zero_offset,
+    read_whole_drives,
+)
 from .grid import choose_row_windows, hold_last_value
 from .hypothesis import EffectInstance, make_schedule
-from .inputs import FINE_LOG_S
-from .log import MIN_SETTLED, Clean
+from .inputs import MAX_FINE_STEP_S
+from .log import MIN_SETTLED_ROWS, CleanLog
 from .model import find_tolerance
 from .selection import GroupResult
 from .stages import RunData
 
 # Minimum share of the largest command or reading: below, dead zones and noise decide the ratio.
-MUCH = 0.2
+MIN_COMMAND_SHARE = 0.2
 # Usual tick of control, s.
 TICK_S = 0.05
 # Difference of the two directions over their sum, from which they count as different: more than
 # twice the spread between sessions.
-ONE_WAY_SHARE = 0.05
+MIN_DIRECTION_SHARE = 0.05
 # Share of missing rows from which a finding reports them.
-LOST_SHARE = 0.01
+MIN_LOST_SHARE = 0.01
 
 
-def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
+def note_whole_log(log: CleanLog, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
     """Return findings about a long log: the examined share of rows, and the error over all rows
     before and after the diagnosis.
 
@@ -59,7 +66,7 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
     every = read_whole_drives(log, machine)
     for one in judged:
         for name in ("shaft", "gate"):
-            parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
+            parts = tuple(p for p in one.found.parts if EFFECT_ROWS[p.id].stage == name)
             if not parts or name not in every or name not in one.search.model.names:
                 continue
             channel = make_drive_channel(every[name], machine)
@@ -75,7 +82,7 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
     return said
 
 
-def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
+def note_reverse_turning(log: CleanLog, machine: Machine, counted: bool = False) -> list[str]:
     """Return findings about a shaft that is commanded to turn backwards, or that turns at a command
     of 0.
 
@@ -85,8 +92,10 @@ def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) ->
     """
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
-    left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
-    at_zero = int(np.sum(turns_at_zero(log.time_s, hold_last_value(command), read, machine)))
+    left_out = int(np.sum(find_reverse_rows(log.time_s, command, read, machine)))
+    at_zero = int(
+        np.sum(find_zero_command_rotation(log.time_s, hold_last_value(command), read, machine))
+    )
     if at_zero:
         return [
             "stage shaft: it turns at commands of 0, which stop it by the machine file "
@@ -116,21 +125,21 @@ def calc_answer_ratio(drive: Drive | None, machine: Machine) -> float:
     """
     if drive is None:
         return 1.0
-    of_zero = read_off_zero(drive, machine)
+    of_zero = measure_zero_offset(drive, machine)
     if of_zero.passed:
         return abs(of_zero.slope)
     asked, answered = np.abs(drive.command), np.abs(drive.measured)
-    much = (asked > MUCH * float(np.nanmax(asked, initial=0.0))) & (
-        answered > MUCH * float(np.nanmax(answered, initial=0.0))
+    much = (asked > MIN_COMMAND_SHARE * float(np.nanmax(asked, initial=0.0))) & (
+        answered > MIN_COMMAND_SHARE * float(np.nanmax(answered, initial=0.0))
     )
     return (
         float(np.nanmedian(answered[much] / asked[much]))
-        if np.sum(much) >= MIN_SETTLED // 2
+        if np.sum(much) >= MIN_SETTLED_ROWS // 2
         else 1.0
     )
 
 
-def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
+def calc_unit_probability(drive: Drive | None, machine: Machine) -> float:
     """Return the probability that a shaft's gain comes from different units of command and reading.
 
     The alternative is the steady effect with the widest prior that explains the same gain.
@@ -138,14 +147,16 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
     ratio = calc_answer_ratio(drive, machine)
     if ratio <= 0.0 or ratio == 1.0:
         return 0.0
-    names = sum(row.stage == "shaft" for row in ROWS.values())
-    return float(expit(log_odds_of_unit(ratio, SHAFT_SATURATION.on(machine).usual, names)))
+    names = sum(row.stage == "shaft" for row in EFFECT_ROWS.values())
+    return float(
+        expit(calc_unit_log_odds(ratio, SHAFT_SATURATION.scale_to_machine(machine).usual, names))
+    )
 
 
 def is_steady_part(part: EffectInstance) -> bool:
     """Tell whether an effect scales or shifts a drive's whole range for the whole log, as a
     mistaken unit does."""
-    row = ROWS[part.id]
+    row = EFFECT_ROWS[part.id]
     return part.onset_s is None and not row.move_shaped and row.scanned
 
 
@@ -166,14 +177,14 @@ def find_row_shift_probability(
         return 0.0
     if (
         data.gate is not None
-        and np.ptp(data.gate.command) > scale_nominal(machine, OPENING_RANGE) * SAME_MM
+        and np.ptp(data.gate.command) > scale_nominal(machine, OPENING_RANGE) * EQUAL_COMMAND_MM
     ):
         return 0.0
     known_s = float(np.hypot(sd_s, find_tolerance(part.id, machine)))
-    names = sum(row.stage == "shaft" for row in ROWS.values())
+    names = sum(row.stage == "shaft" for row in EFFECT_ROWS.values())
     return float(
         expit(
-            log_odds_of_row(
+            calc_row_log_odds(
                 part.size,
                 float(np.median(np.diff(data.shaft.time_s))),
                 known_s,
@@ -190,7 +201,8 @@ def note_doubted_rows(
     """Return findings about a shaft that is late by one row. causes : effects, and the standard
     deviations of their sizes."""
     if not any(
-        find_row_shift_probability(part, sd_s, data, machine) > LISTED for part, sd_s in causes
+        find_row_shift_probability(part, sd_s, data, machine) > MIN_LISTED_PROB
+        for part, sd_s in causes
     ):
         return []
     return [
@@ -200,9 +212,9 @@ def note_doubted_rows(
     ]
 
 
-def units_doubted(data: RunData, machine: Machine) -> list[str]:
+def note_doubted_units(data: RunData, machine: Machine) -> list[str]:
     """Return findings about a shaft whose command and reading are probably in different units."""
-    if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
+    if data.shaft is None or calc_unit_probability(data.shaft, machine) < MIN_NAMED_PROB:
         return []
     ratio = calc_answer_ratio(data.shaft, machine)
     return [
@@ -214,7 +226,7 @@ def units_doubted(data: RunData, machine: Machine) -> list[str]:
     ]
 
 
-def unsure_drives(log: Clean, data: RunData) -> list[str]:
+def note_unsure_drives(log: CleanLog, data: RunData) -> list[str]:
     """Return findings about drives with hardly a valid row, because commands between rows are
     missing or the computer was late."""
     late = [
@@ -233,7 +245,7 @@ def unsure_drives(log: Clean, data: RunData) -> list[str]:
     ]
 
 
-def note_hardly_read(log: Clean, data: RunData) -> list[str]:
+def note_hardly_read(log: CleanLog, data: RunData) -> list[str]:
     """Return findings about channels whose columns exist but contain hardly a new reading."""
     return [
         f"stage {word} is left out: hardly a new reading in its columns: the same value "
@@ -244,7 +256,7 @@ def note_hardly_read(log: Clean, data: RunData) -> list[str]:
     ]
 
 
-def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
+def note_unloaded_flanks(data: RunData, machine: Machine) -> list[str]:
     """Return findings about drives whose load pulls in one direction in the machine file's
     reference.
 
@@ -258,7 +270,7 @@ def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
             if drive.name == "effort"
             else (own.gate_coulomb, own.gate_coulomb_back)
         )
-        if min(ways) > 0.0 and abs(ways[0] - ways[1]) > ONE_WAY_SHARE * (ways[0] + ways[1]):
+        if min(ways) > 0.0 and abs(ways[0] - ways[1]) > MIN_DIRECTION_SHARE * (ways[0] + ways[1]):
             found.append(
                 f"{drive.name}: its load pulls one way ({ways[0]:.3g} {machine.effort_unit} "
                 "forwards, "
@@ -268,17 +280,21 @@ def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
     return found
 
 
-def note_faults_between_rows(log: Clean, ids: set[str]) -> list[str]:
+def note_faults_between_rows(log: CleanLog, ids: set[str]) -> list[str]:
     """Return findings about small faults of the drives where the log may lack some of the
     commands."""
     steps = np.diff(log.time_s)
     lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
-    doubtful = sorted(one for one in ids if ROWS[one].move_shaped)
-    if not doubtful or log.step_s > FINE_LOG_S or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
+    doubtful = sorted(one for one in ids if EFFECT_ROWS[one].move_shaped)
+    if (
+        not doubtful
+        or log.step_s > MAX_FINE_STEP_S
+        or (log.step_s < TICK_S * 1.2 and lost < MIN_LOST_SHARE)
+    ):
         return []
     why = (
         f"{100.0 * lost:.0f} % of the rows are missing"
-        if lost >= LOST_SHARE
+        if lost >= MIN_LOST_SHARE
         else f"rows come every {log.step_s:.2g} s, and control may decide more often"
     )
     return [

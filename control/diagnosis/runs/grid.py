@@ -14,11 +14,11 @@ Array = npt.NDArray[np.float64]
 # Number of rows of a long log that are examined one by one.
 WINDOW_ROWS = 20_000
 # Number of equal windows of these rows: they show a drive's answer as well as a million rows do.
-WINDOWS = 5
+WINDOW_COUNT = 5
 # Longest log that is examined in full: a longer log saves four fifths of the work by windows.
 MAX_ROWS = 5 * WINDOW_ROWS
 # Between the windows, one of this many rows is kept: every two seconds at 10 Hz.
-EVERY_ROW = 20
+ROW_STRIDE = 20
 # Smoothing time of slow sensors that are inputs, s: shorter than a change of slope or supply
 # voltage.
 SMOOTH_S = 1.5
@@ -26,7 +26,7 @@ SMOOTH_S = 1.5
 MAX_BRIDGED_STEPS = 5.0
 # Maximum deviation of rows from an even grid, in steps, for the rows to be used without
 # interpolation.
-EVEN_STEPS = 0.2
+MAX_STEP_ERROR = 0.2
 
 
 class Grid(NamedTuple):
@@ -47,7 +47,7 @@ class Grid(NamedTuple):
     # Whether every row is valid and evenly spaced.
     as_is: bool
 
-    def of(self, series: Array) -> Array:
+    def interpolate(self, series: Array) -> Array:
         """Interpolate series over the log's rows (..., rows) to the grid (..., m)."""
         if self.as_is:
             return series[..., self.rows]
@@ -78,7 +78,7 @@ def make_grid(
     inner = join_clock(inner, step_s, seam_s)
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
-    as_is = count == len(rows) and bool(np.allclose(inner, even, atol=EVEN_STEPS * step_s))
+    as_is = count == len(rows) and bool(np.allclose(inner, even, atol=MAX_STEP_ERROR * step_s))
     there = np.interp(even, inner, time[rows])
     return Grid(inner, rows, even, there, step_s, as_is)
 
@@ -142,8 +142,8 @@ def choose_row_windows(count: int) -> npt.NDArray[np.int64]:
     WINDOW_ROWS in total."""
     if count <= MAX_ROWS:
         return np.arange(count)
-    each = WINDOW_ROWS // WINDOWS
-    starts = np.linspace(0, count - each, WINDOWS).astype(np.int64)
+    each = WINDOW_ROWS // WINDOW_COUNT
+    starts = np.linspace(0, count - each, WINDOW_COUNT).astype(np.int64)
     return (starts[:, None] + np.arange(each)).ravel()
 
 
@@ -151,4 +151,4 @@ def select_known_rows(count: int) -> npt.NDArray[np.int64]:
     """Return the rows at which the recorded variables are kept: all, or the examined rows and every
     ROW_STRIDE-th of the others."""
     rows = choose_row_windows(count)
-    return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
+    return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, ROW_STRIDE))

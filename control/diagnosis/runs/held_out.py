@@ -9,18 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.diagnosis.judgement.evidence import Column, make_evidence_problem
 from topdress.control.diagnosis.judgement.gaussian import Array
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients, make_segments
+from topdress.control.diagnosis.judgement.noise import Noise, calc_coefficients, make_segments
 
 from .channels import ChannelSeries
 
 # Number of blocks of a log.
-BLOCKS = 8
+BLOCK_COUNT = 8
 # Indices of the held-out blocks.
-HELD_OUT = (1, 4, 6)
+HELD_OUT_BLOCKS = (1, 4, 6)
 # Gap on both sides of a held-out block, s: longer than the correlation time of the fast noise.
-GAP_S = 10.0
+BLOCK_MARGIN_S = 10.0
 # Window over which the flow is estimated from the scale, s.
-FLOW_S = 10.0
+FLOW_WINDOW_S = 10.0
 
 
 class HeldOut(NamedTuple):
@@ -37,10 +37,12 @@ class HeldOut(NamedTuple):
 def hold_out_blocks(channel: ChannelSeries) -> HeldOut:
     """Split a channel into BLOCK_COUNT blocks and hold out HELD_OUT_BLOCKS."""
     length = len(channel.measured)
-    edges = np.linspace(0, length, BLOCKS + 1).astype(int)
-    gap = int(np.ceil(GAP_S / channel.grid.step_s))
-    kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
-    pieces = (slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
+    edges = np.linspace(0, length, BLOCK_COUNT + 1).astype(int)
+    gap = int(np.ceil(BLOCK_MARGIN_S / channel.grid.step_s))
+    kept = tuple(
+        (int(edges[k]), int(edges[k + 1])) for k in range(BLOCK_COUNT) if k not in HELD_OUT_BLOCKS
+    )
+    pieces = (slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT_BLOCKS)
     return HeldOut(
         channel,
         channel._replace(cut=make_segments(length, kept)),
@@ -57,9 +59,11 @@ def fit_amplitudes(
     Five blocks alone could mistake a constant for a drift.
     """
     name, cut = blocks.whole.name, blocks.fitted.cut
-    there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
-    p = make_evidence_problem([blocks.fitted], {name: coefficients(left, cut)}, there)
-    return p.sizes(np.arange(len(there)), noise).b
+    there = [
+        c._replace(coefficients={name: calc_coefficients(series, cut)}) for c, series in columns
+    ]
+    p = make_evidence_problem([blocks.fitted], {name: calc_coefficients(left, cut)}, there)
+    return p.fit_sizes(np.arange(len(there)), noise).b
 
 
 def list_held_out_errors(
@@ -76,7 +80,7 @@ def list_held_out_errors(
         )
         return channel.name, channel.unit, before[rows], after[rows]
     step_s = channel.grid.step_s
-    hop = max(1, round(FLOW_S / step_s))
+    hop = max(1, round(FLOW_WINDOW_S / step_s))
 
     def flow(series: Array) -> Array:
         rows = [

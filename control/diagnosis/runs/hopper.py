@@ -25,27 +25,27 @@ MIN_BINS = 20
 MAX_BINS = 60_000
 # Standard deviation of a change between two rows, as a share of the change: its time is uniform
 # within the row, 1 / sqrt(12).
-UNSEEN_CHANGE = 0.3
+CHANGE_SD_SHARE = 0.3
 # Standard deviation of the rate itself, as a share: control may have changed the rate and changed
 # it back between rows.
-UNSEEN_STEADY = 0.05
+STEADY_SD_SHARE = 0.05
 # Row distance, s, to which that share refers; it scales in proportion.
-UNSEEN_S = 2.0
+STEADY_SD_TIME_S = 2.0
 # Length of a gap, s, after which the hopper level is unknown by as much as may have been metered.
 LONG_GAP_S = 3.0
 # Minimum mass of a refill, kg, on the nominal machine; scaled to another machine's hopper.
-REFILL_KG = 3.0
+MIN_REFILL_KG = 3.0
 # Minimum mass of a refill in standard deviations of the scale: a small hopper's share may be below
 # the noise.
-REFILL_SD = 8.0
+MIN_REFILL_SD = 8.0
 # Number of bins in which a refill's rise must complete: a bag is tipped in.
-RISES_BINS = 3
+RISE_BINS = 3
 # Rises within this number of bins are one refill.
-ONE_FILL_BINS = 10
+MERGE_BINS = 10
 # Number of bins whose median is the level before and after a refill.
 LEVEL_BINS = 6
 # Maximum distance of a logged refill event from the rise that it describes, s.
-STATED_WITHIN_S = 120.0
+MAX_EVENT_DISTANCE_S = 120.0
 # Number of bins whose median is the level at the start.
 START_BINS = 10
 
@@ -93,7 +93,7 @@ def read_hopper(
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
-    turned, wide, level = _binned_inputs(
+    turned, wide, level = _average_inputs(
         every, edges, width, scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
     )
     known = np.isfinite(reading) & (time < edges[-1])
@@ -104,12 +104,13 @@ def read_hopper(
     within = np.bincount(bins, weights=(time[known] - edges[bins]) / width, minlength=count)
     read_at = np.where(seen > 0, within / np.maximum(1, seen), 0.5)
     rise_kg = max(
-        scale_nominal(machine, HOPPER_CAPACITY) * REFILL_KG, REFILL_SD * machine.noise.scale_kg
+        scale_nominal(machine, HOPPER_CAPACITY) * MIN_REFILL_KG,
+        MIN_REFILL_SD * machine.noise.scale_kg,
     )
     refill, jumps, hidden = _find_refills(kg, rise_kg)
     stated = []
     for jump in jumps:
-        close = [amount for at, amount in written if abs(at - edges[jump]) < STATED_WITHIN_S]
+        close = [amount for at, amount in written if abs(at - edges[jump]) < MAX_EVENT_DISTANCE_S]
         stated.append(bool(close))
         if close:
             refill[jump] = close[0]
@@ -196,8 +197,10 @@ def _bound_unseen_flow(
         np.diff(every.time_s),
         float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0,
     )
-    steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
-    off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
+    steady = (
+        STEADY_SD_SHARE * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / STEADY_SD_TIME_S)
+    )
+    off = np.where(every.lost[1:], (CHANGE_SD_SHARE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
     long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s) & (usual > 0.0)
     ends = np.clip(
         np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2
@@ -208,7 +211,7 @@ def _bound_unseen_flow(
     return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
 
 
-def _binned_inputs(
+def _average_inputs(
     every: LogRows, edges: Array, width: float, stopped_rpm: float
 ) -> tuple[Array, Array, Array]:
     """Return mean shaft speed, opening (weighted with the speed) and pitch in each bin, with the
@@ -231,7 +234,7 @@ def _binned_inputs(
     return turned[extend], wide[extend], level[extend]
 
 
-def refills_written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]:
+def list_noted_refills(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]:
     """Return time, s, and mass, kg, of the refills that the operator noted."""
     found: list[tuple[float, float]] = []
     for row in np.flatnonzero(events != ""):
@@ -262,12 +265,12 @@ def _find_refills(
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
     filled = hold_last_value(kg)
-    rises = np.flatnonzero(filled[RISES_BINS:] - filled[:-RISES_BINS] > rise_kg)
+    rises = np.flatnonzero(filled[RISE_BINS:] - filled[:-RISE_BINS] > rise_kg)
     jumps: list[int] = []
     if len(rises):
-        groups = np.split(rises, np.flatnonzero(np.diff(rises) > ONE_FILL_BINS) + 1)
+        groups = np.split(rises, np.flatnonzero(np.diff(rises) > MERGE_BINS) + 1)
         for group in groups:
-            begin, end = int(group[0]), min(len(kg) - 1, int(group[-1]) + RISES_BINS + 1)
+            begin, end = int(group[0]), min(len(kg) - 1, int(group[-1]) + RISE_BINS + 1)
             before = filled[max(0, begin + 1 - LEVEL_BINS) : begin + 1]
             after = filled[end : end + LEVEL_BINS]
             at = min(len(kg) - 1, end)

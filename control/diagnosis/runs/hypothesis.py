@@ -56,7 +56,7 @@ class Stages(NamedTuple):
 
     by_name: dict[str, Any]
 
-    def put(self, stage: str, **changes: Any) -> Stages:
+    def replace_fields(self, stage: str, **changes: Any) -> Stages:
         return Stages({**self.by_name, stage: self.by_name[stage]._replace(**changes)})
 
 
@@ -71,7 +71,7 @@ def add_part(stages: Stages, part: EffectInstance) -> Stages:
     changes: dict[str, float] = {entry.field: float(before + part.size)}
     if entry.effect.member_field:
         changes[entry.effect.member_field] = float(part.member or 1)
-    return stages.put(entry.stage, **changes)
+    return stages.replace_fields(entry.stage, **changes)
 
 
 class Schedule(NamedTuple):

@@ -20,16 +20,16 @@ from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 from topdress.control.recordings.times import GAP_STEPS
 
 from .grid import bridge_gaps, hold_last_value, smooth_series
-from .log import Clean
+from .log import CleanLog
 
 Array = npt.NDArray[np.float64]
 
 # Longest gap of a reading, s, that interpolation bridges; in a longer gap the command is the better
 # estimate.
-ASKED_AFTER_S = 2.0
+MAX_READING_GAP_S = 2.0
 # Maximum row distance, s, at which a log contains every command of control, which runs ten times a
 # second.
-FINE_LOG_S = 0.15
+MAX_FINE_STEP_S = 0.15
 # A shaft that reads less, r/min, stands still: the reading cannot fall below 0. The value is that
 # of the nominal machine and is scaled to another machine's range.
 STOPPED_RPM = 1.0
@@ -60,19 +60,19 @@ class LogRows(NamedTuple):
     more: dict[str, Array] = {}
 
 
-def make_log_rows(log: Clean, machine: Machine) -> LogRows:
+def make_log_rows(log: CleanLog, machine: Machine) -> LogRows:
     time, c = log.time_s, log.columns
     command_rpm, command_mm = (
         hold_last_value(c["shaft_rpm_cmd"]),
         hold_last_value(c["opening_mm_cmd"]),
     )
-    shaft_rpm = bridge_gaps(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
+    shaft_rpm = bridge_gaps(time, c["shaft_rpm"], command_rpm, MAX_READING_GAP_S)
     supply_v = bridge_gaps(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
     # The neutral opening replaces a missing command.
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)
     turning = np.abs(np.nan_to_num(shaft_rpm)) > scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
-    working = np.where(np.isfinite(log.working), log.working, turning)
-    opening_mm = bridge_gaps(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
+    working = np.where(np.isfinite(log.working_flags), log.working_flags, turning)
+    opening_mm = bridge_gaps(time, c["opening_mm"], opening_mm, MAX_READING_GAP_S)
     return LogRows(
         time,
         log.step_s,
@@ -84,7 +84,7 @@ def make_log_rows(log: Clean, machine: Machine) -> LogRows:
         smooth_series(supply_v, log.step_s),
         smooth_series(bridge_gaps(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
         working.astype(np.float64),
-        np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s),
+        np.zeros(len(time), bool) if log.held else find_lost_commands(time, log.step_s),
     )
 
 
@@ -106,14 +106,14 @@ def find_loading_opening_mm(time: Array, opening_mm: Array, machine: Machine) ->
     return np.append(opening_mm[1:] - counts * ways_mm, opening_mm[-1:])
 
 
-def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
+def find_lost_commands(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
     """Return the rows before which commands may be missing from the log: (n,)."""
-    if step_s > FINE_LOG_S:
+    if step_s > MAX_FINE_STEP_S:
         return np.ones(len(time), bool)
     return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
 
 
-def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
+def make_term_inputs(log: CleanLog, every: LogRows, machine: Machine) -> dict[str, Array]:
     """Return the inputs of terms at every row of a log (n,): readings, and the commands that the
     drives follow at that row.
 
@@ -129,36 +129,36 @@ def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, 
     ):
         if np.isfinite(command).all():
             found[written] = average_commands_over_log(command, time, dead_s)
-        if log.has(name):
+        if log.has_stage(name):
             found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
             if written not in found:
                 found[written] = found[name]
-    if log.has("shaft_rpm"):
+    if log.has_stage("shaft_rpm"):
         found[SHAFT_ANGLE] = calc_angle_over_log(every.shaft_rpm, time)
     further = {name: bridge_gaps(time, series, series) for name, series in log.further.items()}
-    return found | read_slowly(log, every) | further
+    return found | read_slow_sensors(log, every) | further
 
 
-def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
+def read_slow_sensors(log: CleanLog, every: LogRows) -> dict[str, Array]:
     """Return smoothed readings of the sensors other than the drives', (n,) by name: their noise is
     no motion of the machine."""
     found = {
         name: series
         for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
-        if log.has(name)
+        if log.has_stage(name)
     }
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
-        if log.has(name):
+        if log.has_stage(name):
             found[name] = smooth_series(
                 bridge_gaps(every.time_s, log.columns[name], np.zeros(len(every.time_s))),
                 log.step_s,
             )
-    if log.has("heading_deg"):
+    if log.has_stage("heading_deg"):
         found["heading_deg"] = np.mod(hold_last_value(log.columns["heading_deg"]), 360.0)
     return found
 
 
-def variables_of(log: Clean, every: LogRows) -> dict[str, Array]:
+def list_variables(log: CleanLog, every: LogRows) -> dict[str, Array]:
     """Return the recorded variables on which an effect may depend, (n,) by name; commands replace
     the drives' readings."""
     found = {"time_s": every.time_s}
@@ -170,4 +170,4 @@ def variables_of(log: Clean, every: LogRows) -> dict[str, Array]:
         found["opening_mm"] = np.where(
             np.isfinite(every.command_mm), every.command_mm, every.opening_mm
         )
-    return found | read_slowly(log, every)
+    return found | read_slow_sensors(log, every)

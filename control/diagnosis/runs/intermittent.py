@@ -2,7 +2,7 @@
 
 Their contribution is removed from the data before the search. Each is judged as every other effect:
 log evidence plus log prior odds against the absence of the effect (`prior.py`), accepted from
-`SAID` on.
+`MIN_REPORT_LOG_ODDS` on.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation, binary_opening, median_filter
 from scipy.special import betainc, betaln, expit, gammaln
 from topdress.control.diagnosis import effects
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.prior import (
-    COURSE,
+    COURSE_PROBS,
+    MIN_REPORT_LOG_ODDS,
     ROBUST_SD,
-    SAID,
-    UNKNOWN,
+    UNKNOWN_PROB,
     calc_log_prior_odds,
 )
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import make_hopper_channel, predict_binned_effort
-from .effort import EFFORT, DriveEffort
+from .effort import EFFORT_CHANNELS, DriveEffort
 from .hopper import Hopper
 from .hypothesis import EffectInstance, list_stages, make_schedule
-from .model import GROUPS
+from .model import CHANNEL_GROUPS
 from .robust import FREEDOM
-from .search import DIPS_WITHIN_S
+from .search import MAX_DIP_STEP_S
 from .speed_and_heads import TwoSpeeds
 from .stages import RunData
 
@@ -40,45 +40,45 @@ Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Number of samples over which the noise level changes.
-SWELL = 41
+NOISE_WINDOW = 41
 
 # Block length for long bridges in the hopper, s: a bridge lasts at least about twice as long.
 BLOCK_S = 3.0
 # Trial probabilities that a bridge begins in a block: from once in a quarter of an hour to once in
 # many.
-BEGINS = (0.003, 0.01, 0.03, 0.1)
+BEGIN_PROBS = (0.003, 0.01, 0.03, 0.1)
 # Trial probabilities that a bridge ends in a block: mean duration of some fifteen or six seconds.
-ENDS = (0.2, 0.5)
+END_PROBS = (0.2, 0.5)
 
 # Window on each side of a step of (reading - prediction), s: the scale's noise is correlated over a
 # second or two. Bridges below the noise are found by the permanent step that each leaves.
-STEP_SIDE_S = 20.0
+STEP_WINDOW_S = 20.0
 # Time around a step that is left out, s.
 STEP_GAP_S = 8.0
 
 # Length of a long dip, rows: a single outlier lasts one row, and outliers are as often above as
 # below. Dips of wheel over GNSS speed are missing pulses.
-LONG_DIP = 3
+LONG_DIP_ROWS = 3
 # Deviation of wheel over GNSS speed from which a reading is an outlier, s.d. (Iglewicz and Hoaglin,
 # 1993).
-DIP_SD = 3.5
+MIN_DIP_SD = 3.5
 # Share of rows, those closest together, that are assumed to be without a dip.
-USUAL_SHARE = 0.3
+UNDISTURBED_SHARE = 0.3
 # Number of classes of a variable on which dips may depend.
-CLASSES = 16
+CLASS_COUNT = 16
 # Prior samples per class: the rates of classes agree within 1 / sqrt(4) of each.
-ALIKE = 4.0
+PRIOR_SAMPLES = 4.0
 # Minimum speed, m/s, for a useful ratio of the two speeds.
-FAST_MPS = 0.6
+MIN_RATIO_SPEED_MPS = 0.6
 # Variables that change the number of pulses over time.
-COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")
+TREND_VARIABLES = ("time_s", "hopper_kg", "speed_mps")
 
 # Standard deviation of the contribution of spells too short to detect, as a share of the detected
 # contribution.
-UNSEEN_SD = 0.2
+UNDETECTED_SD_SHARE = 0.2
 
 
-class ReadOff(NamedTuple):
+class DirectDetection(NamedTuple):
     """An effect that was detected directly in the data."""
 
     part: EffectInstance
@@ -90,33 +90,33 @@ class ReadOff(NamedTuple):
 def find_prior_odds(part: EffectInstance) -> float:
     """Return the log prior odds of a directly detected effect, among the effects of its group of
     channels."""
-    channel = ROWS[part.id].channels[0]
+    channel = EFFECT_ROWS[part.id].channels[0]
     names = {
         name
-        for names in GROUPS.values()
+        for names in CHANNEL_GROUPS.values()
         if channel in names
         for name in names
-        if name not in EFFORT
+        if name not in EFFORT_CHANNELS
     }
-    rivals = sum(bool(row.channels) and row.channels[0] in names for row in ROWS.values())
+    rivals = sum(bool(row.channels) and row.channels[0] in names for row in EFFECT_ROWS.values())
     return calc_log_prior_odds("steady" if part.onset_s is None else "begins", rivals)
 
 
-def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
+def remove_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[DirectDetection, ...]]:
     """Remove intermittent effects from the data, and return the data with the removed effects."""
-    found: list[ReadOff] = []
+    found: list[DirectDetection] = []
     if data.speed is not None:
-        speed, seen = _without_dips(data.speed, _list_where_variables(data))
+        speed, seen = _remove_dips(data.speed, _list_where_variables(data))
         if seen is not None:
             data = data._replace(speed=speed)
             found.append(seen)
     bare = None
     for k, effort in enumerate(data.efforts):
-        if effort.name == "effort" and (bare := _without_load(effort, machine)) is not None:
+        if effort.name == "effort" and (bare := _find_unloaded_spells(effort, machine)) is not None:
             data = data._replace(efforts=(*data.efforts[:k], bare.left, *data.efforts[k + 1 :]))
     seen = None
     if data.hopper is not None:
-        hopper, seen = _without_bridges(data.hopper, machine, bare)
+        hopper, seen = _remove_bridges(data.hopper, machine, bare)
         data = data._replace(hopper=hopper)
     if (
         seen := max(
@@ -136,28 +136,28 @@ class _Unloaded(NamedTuple):
     begin_s: Array
     end_s: Array
     left: DriveEffort
-    seen: ReadOff
+    seen: DirectDetection
 
-    def stood_s(self, time_s: Array) -> Array:
+    def calc_unloaded_time(self, time_s: Array) -> Array:
         """Return the total time without material up to each time, s."""
         return np.asarray(
             np.sum(np.clip(time_s[:, None] - self.begin_s, 0.0, self.end_s - self.begin_s), axis=1)
         )
 
 
-def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
+def _find_unloaded_spells(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     """Return the spells in which the material's load was absent, or None. At least one spell must
     end, because an empty hopper's does not."""
     bins, stages = predict_binned_effort(e), list_stages(machine)
     full = bins(make_schedule(stages, ()))
-    gone = bins(make_schedule(stages.put("effort", load=0.0), ())) - full
+    gone = bins(make_schedule(stages.replace_fields("effort", load=0.0), ())) - full
     known = e.members > 0
     left = e.bin_row_means(e.measured) - full
     # The standard deviation comes from differences between bins, because a permanent change of load
     # is no noise.
     sd = ROBUST_SD * float(np.nanmedian(np.abs(np.diff(left)))) / np.sqrt(
         2.0
-    ) + machine.noise.effort / np.sqrt(e.rows_a_bin)
+    ) + machine.noise.effort / np.sqrt(e.rows_per_bin)
     loaded = known & (gone < -sd)
     if not loaded.any():
         return None
@@ -180,14 +180,14 @@ def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     ended = bool(len(begins)) and bool(known[ends[0] :].any())
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[known].mean()))
     odds = evidence + find_prior_odds(bridging)
-    if not ended or odds <= SAID:
+    if not ended or odds <= MIN_REPORT_LOG_ODDS:
         return None
     half_s = 0.5 * e.grid.step_s
     return _Unloaded(
         e.middle_s[begins] - half_s,
         e.middle_s[ends - 1] + half_s,
-        e.without(binary_dilation(on)),
-        ReadOff(bridging, float(100.0 * len(begins) ** 0.5 / known.sum()), odds),
+        e.remove_bins(binary_dilation(on)),
+        DirectDetection(bridging, float(100.0 * len(begins) ** 0.5 / known.sum()), odds),
     )
 
 
@@ -198,31 +198,31 @@ def _list_where_variables(data: RunData) -> list[Array]:
     return [
         np.interp(data.speed.time_s, data.time_s, values)
         for name, values in data.variables.items()
-        if name not in COMES_WITH_TIME
+        if name not in TREND_VARIABLES
     ]
 
 
-def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, ReadOff | None]:
+def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, DirectDetection | None]:
     """Replace rows in which much of the wheel's speed is missing with the GNSS speed, and return
     the detected effect.
 
     where : variables on which a wheel's rolling may depend (rows,).
     """
-    moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
-    ratio = s.wheel_mps / np.maximum(s.gnss_mps, FAST_MPS)
+    moving = (s.gnss_mps > MIN_RATIO_SPEED_MPS) & (s.true_mps > MIN_RATIO_SPEED_MPS)
+    ratio = s.wheel_mps / np.maximum(s.gnss_mps, MIN_RATIO_SPEED_MPS)
     if not moving.any():
         return s, None
     middle, spread = _find_usual_ratio(ratio[moving])
     ratio, spread = ratio / middle, spread / middle
-    usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
-    deep = DIP_SD * spread
+    usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < MIN_DIP_SD * spread)]))
+    deep = MIN_DIP_SD * spread
     if not (moving & (ratio < usual - deep)).any():
         return s, None
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
     # A GNSS outlier of this size is as improbable as a dip.
     deep = max(deep, 0.5 * usually)
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
-    pulse_rows = max(1.0, DIPS_WITHIN_S / s.grid.step_s)
+    pulse_rows = max(1.0, MAX_DIP_STEP_S / s.grid.step_s)
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
@@ -233,27 +233,29 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
                 for one in (dips, rises)
             )
         )
-        for rows in (1, LONG_DIP)
+        for rows in (1, LONG_DIP_ROWS)
     )
     # The evidence is divided by 2, because pulses were counted in two ways.
     odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)
     followed = [_calc_class_evidence(dips[moving], values[moving], pulse_rows) for values in where]
     # Some variables change over time only, and so may missing pulses.
     if followed:
-        steady = COURSE["steady"]
+        steady = COURSE_PROBS["steady"]
         for_a_while = np.log(1.0 - steady) + _calc_class_evidence(
             dips[moving], np.arange(float(moving.sum())), pulse_rows
         )
         alone = find_prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
         odds = min(
             odds,
-            alone - float(np.logaddexp.reduce(followed)) - float(np.log(UNKNOWN / len(followed))),
+            alone
+            - float(np.logaddexp.reduce(followed))
+            - float(np.log(UNKNOWN_PROB / len(followed))),
         )
-    if odds <= SAID:
+    if odds <= MIN_REPORT_LOG_ODDS:
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / _count_spell_starts(dips))
-    return s._replace(wheel_mps=wheel, unseen_percent=UNSEEN_SD * share), ReadOff(
+    return s._replace(wheel_mps=wheel, unseen_percent=UNDETECTED_SD_SHARE * share), DirectDetection(
         missed, float(sd), odds
     )
 
@@ -282,7 +284,7 @@ def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
     Under independence, rates of classes agree within half of themselves (1 s.d.). The shares of the
     classes have a Dirichlet prior and are integrated. rows : length of a missing pulse, rows.
     """
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASS_COUNT + 1)[1:-1]))
     of = np.searchsorted(edges, values)
     counts = np.bincount(of, minlength=len(edges) + 1)
     expected = counts[counts > 0] / len(values)
@@ -302,7 +304,7 @@ def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
     return (
         float(np.logaddexp(evidence(1.0), evidence(len(expected))))
         - float(np.log(2.0))
-        - evidence(ALIKE * len(expected))
+        - evidence(PRIOR_SAMPLES * len(expected))
     )
 
 
@@ -310,7 +312,7 @@ def _find_usual_ratio(ratio: Array) -> tuple[float, float]:
     """Return the mode of the ratio and the standard deviation above the mode, because up to half of
     the readings may be dips."""
     ranked = np.sort(ratio)
-    count = max(2, int(np.ceil(USUAL_SHARE * len(ranked))))
+    count = max(2, int(np.ceil(UNDISTURBED_SHARE * len(ranked))))
     if count >= len(ranked):
         return float(np.median(ranked)), ROBUST_SD * float(
             np.median(np.abs(ranked - np.median(ranked)))
@@ -339,9 +341,9 @@ class _ScaleLevel(NamedTuple):
     after_gap: npt.NDArray[np.int64]
 
 
-def _without_bridges(
+def _remove_bridges(
     h: Hopper, machine: Machine, bare: _Unloaded | None
-) -> tuple[Hopper, ReadOff | None]:
+) -> tuple[Hopper, DirectDetection | None]:
     """Remove spells in which the scale stands still though the shaft turns, and return the hopper
     with the detected effect.
 
@@ -353,7 +355,7 @@ def _without_bridges(
     predicted = channel.predict(make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
-    swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
+    swell = np.maximum(1.0, median_filter(steps, NOISE_WINDOW) / max(float(np.median(steps)), 1e-9))
     level = _ScaleLevel(
         predicted,
         left,
@@ -366,8 +368,8 @@ def _without_bridges(
     found = [
         one
         for one in (
-            _long_bridges(h, level),
-            _short_bridges(h, level),
+            _find_long_bridges(h, level),
+            _find_short_bridges(h, level),
             _find_load_spells(h, level, bare),
         )
         if one is not None
@@ -381,19 +383,19 @@ def _without_bridges(
 
 def _find_load_spells(
     h: Hopper, level: _ScaleLevel, bare: _Unloaded | None
-) -> tuple[Array, ReadOff] | None:
+) -> tuple[Array, DirectDetection] | None:
     """Return the mass that remained (m,), kg, in the spells found from the drive's load; None where
     the scale fell in the meantime."""
     if bare is None:
         return None
     edges_s = np.append(h.grid.even_s, h.grid.even_s[-1] + h.grid.step_s) - 0.5 * h.grid.step_s
-    stands = np.diff(bare.stood_s(edges_s)) / h.grid.step_s
+    stands = np.diff(bare.calc_unloaded_time(edges_s)) / h.grid.step_s
     fell = stands * np.maximum(0.0, -np.diff(level.predicted, prepend=level.predicted[:1]))
     rose = float(np.sum(stands * np.diff(level.left, prepend=level.left[:1])))
     return (np.cumsum(fell), bare.seen) if rose > 0.5 * float(fell.sum()) else None
 
 
-def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
+def _find_short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDetection] | None:
     """Find upward steps of (reading - prediction) between the mean levels on both sides, and return
     the mass that remained (m,), kg.
 
@@ -402,7 +404,7 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     steps.
     """
     left, predicted, step_s = level.left, level.predicted, h.grid.step_s
-    side, gap = max(4, round(STEP_SIDE_S / step_s)), max(1, round(STEP_GAP_S / step_s))
+    side, gap = max(4, round(STEP_WINDOW_S / step_s)), max(1, round(STEP_GAP_S / step_s))
     if len(left) <= 2 * side + gap:
         return None
     total = np.concatenate(([0.0], np.cumsum(left)))
@@ -437,8 +439,12 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     kept += unseen * np.cumsum(flow) / flowed
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
     odds = float(up.sum() - up.max() - down.sum()) + find_prior_odds(bridging)
-    sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNSEEN_SD * unseen) / flowed
-    return (kept, ReadOff(bridging, float(sd_share), odds)) if odds > SAID else None
+    sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNDETECTED_SD_SHARE * unseen) / flowed
+    return (
+        (kept, DirectDetection(bridging, float(sd_share), odds))
+        if odds > MIN_REPORT_LOG_ODDS
+        else None
+    )
 
 
 def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
@@ -457,7 +463,7 @@ def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np
     return np.array(sorted(kept), np.int64)
 
 
-def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
+def _find_long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDetection] | None:
     """Find blocks in which the scale stood still, and return the mass that remained (m,), kg."""
     even, left, predicted = h.grid.even_s, level.left, level.predicted
     hop = max(1, round(BLOCK_S / h.grid.step_s))
@@ -486,11 +492,11 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
         return None
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[working].mean()))
     odds = evidence + find_prior_odds(bridging)
-    if odds <= SAID:
+    if odds <= MIN_REPORT_LOG_ODDS:
         return None
     stayed = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
     times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])
-    return np.interp(even, times, stayed), ReadOff(
+    return np.interp(even, times, stayed), DirectDetection(
         bridging, float(100.0 * starts**0.5 / working.sum()), odds
     )
 
@@ -504,7 +510,7 @@ def _find_spells(score: Array) -> tuple[BoolArray, float]:
     Ann. Math. Statist. 41, 1970, 164).
     """
     begins, ends = (
-        grid.ravel() for grid in np.meshgrid(np.log(BEGINS), np.log(ENDS), indexing="ij")
+        grid.ravel() for grid in np.meshgrid(np.log(BEGIN_PROBS), np.log(END_PROBS), indexing="ij")
     )
     stays_off, stays_on = np.log1p(-np.exp(begins)), np.log1p(-np.exp(ends))
     count = len(score)

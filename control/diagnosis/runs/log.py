@@ -23,35 +23,38 @@ from topdress.control.recordings.values import (
 )
 
 # Maximum number of further columns, besides the ten published variables: 560 products of two.
-MOST_KEPT = 24
+MAX_FURTHER_COLUMNS = 24
 # Number of pieces of the log whose means are compared: a transient affects a single piece.
-PIECES = 400
+PIECE_COUNT = 400
 # Minimum number of pieces for a correlation.
-LEAST_PIECES = 20
+MIN_PIECES = 20
 # Correlation from which two columns are copies: the same reading, in another unit or rounded.
-COPY = 0.99999
+COPY_CORRELATION = 0.99999
 # Number of rows on which columns are compared.
-ROWS_COMPARED = 4_000
+COMPARED_ROW_COUNT = 4_000
 # Maximum length of a column's name, letters; `control.machine.terms` has the same limit.
-LONGEST_NAME = 200
+MAX_NAME_LETTERS = 200
 # Minimum spread of a column in its own unit: coefficients of a smaller spread exceed the range of a
 # machine file.
-LEAST_SPREAD = 1e-3
+MIN_SPREAD = 1e-3
 # Number of column names that a finding lists.
-SHOWN = 3
+MAX_LISTED_NAMES = 3
 Array = npt.NDArray[np.float64]
 # Maximum median row distance, s: the slowest staircase of settings stays this long on a setting.
-LONGEST_STEP_S = 600.0
-HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
-NEEDED = {
+MAX_STEP_S = 600.0
+HEAD_COLUMNS = tuple(f"ndvi_{k}" for k in range(1, 7))
+REQUIRED_COLUMNS = {
     "shaft": ("shaft_rpm_cmd", "shaft_rpm"),
     "gate": ("opening_mm_cmd", "opening_mm"),
     "flow": ("shaft_rpm", "opening_mm", "hopper_kg"),
     "speed": ("speed_mps", "wheel_speed_mps"),
-    "heads": HEADS[:3],
+    "heads": HEAD_COLUMNS[:3],
 }
-OF_EFFORT = {"effort": ("shaft_rpm", "shaft_effort"), "gate_effort": ("opening_mm", "gate_effort")}
-NUMBERS = (
+DRIVE_EFFORT_COLUMNS = {
+    "effort": ("shaft_rpm", "shaft_effort"),
+    "gate_effort": ("opening_mm", "gate_effort"),
+}
+NUMBER_COLUMNS = (
     "shaft_rpm_cmd",
     "shaft_rpm",
     "opening_mm_cmd",
@@ -64,13 +67,13 @@ NUMBERS = (
     "speed_mps",
     "wheel_speed_mps",
     "work_switch",
-    *HEADS,
+    *HEAD_COLUMNS,
     *EFFORT_COLUMNS,
 )
 # Published columns that no diagnosis of a log reads: neither the channels nor `rates`.
-UNREAD = frozenset(COLUMNS) - {
+UNREAD_COLUMNS = frozenset(COLUMNS) - {
     "time_s",
-    *NUMBERS,
+    *NUMBER_COLUMNS,
     "events",
     "state",
     "lat_deg",
@@ -79,17 +82,17 @@ UNREAD = frozenset(COLUMNS) - {
     "applied_rate_kg_ha",
 }
 # Columns that determine the unit of a speed.
-EVIDENCE = ("time_s", "lat_deg", "lon_deg")
+UNIT_COLUMNS = ("time_s", "lat_deg", "lon_deg")
 # Minimum number of rows of a log.
 MIN_ROWS = 40
 # Minimum number of rows of settled answers: each is a mean, and a rising staircase has this many
 # steps.
-MIN_SETTLED = 20
+MIN_SETTLED_ROWS = 20
 # Minimum share of valid rows of a further column.
-MIN_KNOWN = 0.5
+MIN_VALID_SHARE = 0.5
 
 
-class Kept(NamedTuple):
+class SelectedColumns(NamedTuple):
     """Further columns that are searched, and findings about the others."""
 
     # Selected columns, (n,) each.
@@ -98,7 +101,7 @@ class Kept(NamedTuple):
     said: tuple[str, ...]
 
 
-def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -> Kept:
+def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -> SelectedColumns:
     """Select the further columns (n,) that the search uses: those with information of their own, up
     to a maximum.
 
@@ -110,38 +113,42 @@ def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -
     """
     said: list[str] = []
     named = {
-        name: values for name, values in further.items() if 0 < len(name.strip()) <= LONGEST_NAME
+        name: values
+        for name, values in further.items()
+        if 0 < len(name.strip()) <= MAX_NAME_LETTERS
     }
     _add_finding(
         said,
         [name for name in further if name not in named],
-        f"without a name, or with one of more than {LONGEST_NAME} letters",
+        f"without a name, or with one of more than {MAX_NAME_LETTERS} letters",
     )
-    wide = {name: values for name, values in named.items() if _calc_spread(values) >= LEAST_SPREAD}
+    wide = {name: values for name, values in named.items() if _calc_spread(values) >= MIN_SPREAD}
     _add_finding(
         said,
         [name for name in named if name not in wide],
-        f"changing by less than {LEAST_SPREAD:g}: in a smaller unit they could be judged",
+        f"changing by less than {MIN_SPREAD:g}: in a smaller unit they could be judged",
     )
-    single = _without_copies(wide, known)
+    single = _remove_copies(wide, known)
     _add_finding(
         said, [name for name in wide if name not in single], "the same readings as another column"
     )
-    kept = single if len(single) <= MOST_KEPT else _select_closest(single, known)
+    kept = single if len(single) <= MAX_FURTHER_COLUMNS else _select_closest(single, known)
     _add_finding(
         said,
         [name for name in single if name not in kept],
-        f"too many to be asked about: the {MOST_KEPT} that go best with the readings are "
+        f"too many to be asked about: the {MAX_FURTHER_COLUMNS} that go best with the readings are "
         "kept (an import file that "
         "names the columns wanted, with extra: drop, says which)",
     )
-    return Kept(kept, tuple(said))
+    return SelectedColumns(kept, tuple(said))
 
 
 def _add_finding(said: list[str], names: list[str], why: str) -> None:
     if names:
-        shown = ", ".join(name if len(name) <= 40 else f"{name[:37]}..." for name in names[:SHOWN])
-        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        shown = ", ".join(
+            name if len(name) <= 40 else f"{name[:37]}..." for name in names[:MAX_LISTED_NAMES]
+        )
+        more = f" and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else ""
         said.append(f"further column{'s' if len(names) > 1 else ''} {shown}{more} left out: {why}")
 
 
@@ -162,17 +169,17 @@ def _standardise_columns(columns: Mapping[str, Array], rows: npt.NDArray[np.int6
     return np.asarray(centred / np.where(length > 0.0, length, 1.0))
 
 
-def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
+def _remove_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
     if not columns:
         return columns
     count = len(next(iter(columns.values())))
-    rows = np.unique(np.linspace(0, count - 1, min(count, ROWS_COMPARED)).astype(np.int64))
+    rows = np.unique(np.linspace(0, count - 1, min(count, COMPARED_ROW_COUNT)).astype(np.int64))
     ours, theirs = (
         _standardise_columns(columns, rows),
         _standardise_columns(known, rows) if known else np.zeros((0, len(rows))),
     )
-    copied = np.asarray((np.abs(ours @ theirs.T) > COPY).any(axis=1))
-    same = np.asarray(np.abs(ours @ ours.T) > COPY)
+    copied = np.asarray((np.abs(ours @ theirs.T) > COPY_CORRELATION).any(axis=1))
+    same = np.asarray(np.abs(ours @ ours.T) > COPY_CORRELATION)
     kept: list[int] = []
     for k in range(len(ours)):
         if not copied[k] and not same[k][kept].any():
@@ -185,7 +192,7 @@ def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> di
     """Select the columns that correlate best with a channel's reading minus the fit of the
     published columns, in means over pieces."""
     count = len(next(iter(columns.values())))
-    pieces = max(LEAST_PIECES, min(PIECES, count // 10))
+    pieces = max(MIN_PIECES, min(PIECE_COUNT, count // 10))
     edges = np.linspace(0, count, pieces + 1).astype(np.int64)
     theirs = {
         name: _average_pieces(values, edges)
@@ -207,7 +214,7 @@ def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> di
         rest = _subtract_fit(ours_there, against)
         length = np.sqrt((rest**2).sum(axis=1) * float(left @ left))
         best = np.maximum(best, np.abs(rest @ left) / np.where(length > 0.0, length, 1.0))
-    chosen = sorted(np.argsort(-best, kind="stable")[:MOST_KEPT].tolist())
+    chosen = sorted(np.argsort(-best, kind="stable")[:MAX_FURTHER_COLUMNS].tolist())
     names = list(columns)
     return {names[k]: columns[names[k]] for k in chosen}
 
@@ -247,7 +254,7 @@ def _average_pieces(values: Array, edges: npt.NDArray[np.int64]) -> Array:
     return np.where(counts > 0.0, sums / np.maximum(counts, 1.0), usual)
 
 
-class Clean(NamedTuple):
+class CleanLog(NamedTuple):
     """A cleaned run log. Arrays have shape (n,); NaN means not valid."""
 
     time_s: Array
@@ -266,7 +273,7 @@ class Clean(NamedTuple):
     held: bool = False
 
     @property
-    def working(self) -> Array:
+    def working_flags(self) -> Array:
         """Return 1 where the log says that the machine works, 0 where it does not work, NaN where
         the log does not say: (n,)."""
         if (self.state != "").any():
@@ -275,13 +282,13 @@ class Clean(NamedTuple):
             np.isfinite(self.columns["work_switch"]), self.columns["work_switch"] > 0.5, np.nan
         )
 
-    def has(self, name: str) -> bool:
+    def has_stage(self, name: str) -> bool:
         return bool(np.isfinite(self.columns[name]).any())
 
 
 def clean_run_log(
     columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True
-) -> Clean:
+) -> CleanLog:
     """Examine and clean the columns of a run log (by its contract: `time_s` in s, the others
     optional).
 
@@ -296,21 +303,21 @@ def clean_run_log(
         {
             **{
                 name: np.asarray(columns[name], np.float64)
-                for name in (*EVIDENCE, *NUMBERS)
+                for name in (*UNIT_COLUMNS, *NUMBER_COLUMNS)
                 if name in columns
             },
-            **_texts_and_further(columns),
+            **_split_columns(columns),
         }
     )
     time = read["time_s"] - read["time_s"][0]
     held = any(COMMANDS_HELD in str(text).split(";") for text in set(read["events"].tolist()))
-    least = MIN_SETTLED if held else MIN_ROWS
-    step = _checked_step(time, least, odd)
+    least = MIN_SETTLED_ROWS if held else MIN_ROWS
+    step = _calc_row_step(time, least, odd)
     found = {
         name: blank_unreadable(round_as_printed(read[name]))
         if name in read
         else np.full(len(time), np.nan)
-        for name in NUMBERS
+        for name in NUMBER_COLUMNS
     }
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = blank_held_readings(name, found[name], step, odd)
@@ -318,18 +325,18 @@ def clean_run_log(
         found[name] = blank_outliers(name, found[name], odd)
     findings = [str(finding) for finding in odd]
     never = ": a scale that never changes is not read"
-    found["hopper_kg"] = _unless_still("hopper_kg", found["hopper_kg"], never, findings)
+    found["hopper_kg"] = _reject_frozen("hopper_kg", found["hopper_kg"], never, findings)
     asked_rpm = float(np.nanmax(np.abs(np.r_[0.0, found["shaft_rpm_cmd"]])))
     if asked_rpm > 0.0 and not np.nansum(np.abs(found["shaft_rpm"])):
         never = (
             f", though up to {asked_rpm:g} r/min were commanded: it never turned, or is not read"
         )
-        found["shaft_rpm"] = _unless_still("shaft_rpm", found["shaft_rpm"], never, findings)
+        found["shaft_rpm"] = _reject_frozen("shaft_rpm", found["shaft_rpm"], never, findings)
     stood = _is_standing_still(found)
     if stood and (has("speed") or has("heads")):
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
     stages = []
-    for stage, needed in NEEDED.items():
+    for stage, needed in REQUIRED_COLUMNS.items():
         if not has(stage) or (stood and stage in ("speed", "heads")):
             continue
         missing = [name for name in needed if np.isfinite(found[name]).sum() < least]
@@ -343,7 +350,7 @@ def clean_run_log(
         stages.append("scale")
     stages += _select_effort_drives(found, has, least)
     further = _read_further_columns(read, {**found, "time_s": time}, findings)
-    return Clean(
+    return CleanLog(
         time,
         step,
         found,
@@ -363,12 +370,12 @@ def _select_effort_drives(
     few drives have one."""
     return [
         stage
-        for stage, needed in OF_EFFORT.items()
+        for stage, needed in DRIVE_EFFORT_COLUMNS.items()
         if has(stage) and all(np.isfinite(found[name]).sum() >= least for name in needed)
     ]
 
 
-def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+def _split_columns(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
     """Return events and states as texts, and the numeric columns that are not published: (n,)
     each."""
     count = len(columns["time_s"])
@@ -406,7 +413,7 @@ def _read_further_columns(
         )
         seen = values[np.isfinite(values)]
         if (
-            len(seen) >= max(MIN_ROWS, MIN_KNOWN * len(values))
+            len(seen) >= max(MIN_ROWS, MIN_VALID_SHARE * len(values))
             and np.ptp(np.percentile(seen, (1.0, 99.0))) > 0.0
         ):
             found[name] = values
@@ -415,17 +422,17 @@ def _read_further_columns(
     return kept.columns
 
 
-def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
+def _calc_row_step(time: Array, least: int, findings: list[Finding]) -> float:
     """Return the median row distance, s. Raises ValueError where rows are too few, or too far
     apart."""
     if len(time) < least:
         raise ValueError(f"column time_s: {len(time)} usable rows: at least {least} are needed")
     step = float(np.median(np.diff(time)))
-    if step > LONGEST_STEP_S:
+    if step > MAX_STEP_S:
         raise ValueError(
             f"column time_s: {len(time)} rows are {step:,.0f} s apart, {time[-1]:,.0f} s in "
             "all: allowed "
-            f"up to {LONGEST_STEP_S:g} s between rows: are the times in another unit?"
+            f"up to {MAX_STEP_S:g} s between rows: are the times in another unit?"
         )
     if step > LONG_STEP_S:
         findings.append(
@@ -439,7 +446,7 @@ def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
     return step
 
 
-def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Array:
+def _reject_frozen(name: str, values: Array, why: str, findings: list[str]) -> Array:
     """Reject readings that are identical in every row: no real hopper, full or empty, has no
     noise."""
     known = values[np.isfinite(values)]

@@ -7,30 +7,30 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
+from topdress.control.diagnosis.effects import EFFECT_ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
 from topdress.control.diagnosis.judgement import noise as noises
-from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.diagnosis.judgement.noise import calc_coefficients
 from topdress.control.machine.effect import FULL_REVOLUTION, SLEW_RATE
 from topdress.control.machine.effort import GATE_EFFORT_PARTS, SHAFT_EFFORT_PARTS
 from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries
-from .effort import EFFORT
+from .effort import EFFORT_CHANNELS
 from .hypothesis import EffectInstance, Hypothesis, Stages, list_stages, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
 # Channels that share an effect form a group and are judged together.
-GROUPS: dict[str, tuple[str, ...]] = {
+CHANNEL_GROUPS: dict[str, tuple[str, ...]] = {
     "shaft": ("shaft",),
-    "metering": ("gate", "scale", *EFFORT),
+    "metering": ("gate", "scale", *EFFORT_CHANNELS),
     "speed": ("speed",),
     "heads": ("heads",),
 }
 # Share of a value by which the value is changed for its slope.
-STEP_SHARE = 0.05
+SLOPE_STEP_SHARE = 0.05
 # Time around a drive's halt that is not judged, s: no effect describes how a drive runs down.
 HALT_S = 3.0
 # Standard deviation of a GNSS speed's time, as a share of a row: the speed was read at some time
@@ -38,9 +38,9 @@ HALT_S = 3.0
 GNSS_STAMP_SHARE = 0.25
 # Ratio of electrical to mechanical time constant: L / R of small DC motors is 1 to 2 ms, against 20
 # to 50 ms.
-ELECTRICAL = 0.04
+ELECTRICAL_RATIO = 0.04
 # Maximum number of hypotheses whose predictions are cached.
-MAX_PREDICTIONS = 24
+MAX_CACHED_PREDICTIONS = 24
 
 
 class Nuisance(NamedTuple):
@@ -88,10 +88,10 @@ def list_nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
                 t.opening_mm * machine.flow.grams_per_rev_mm,
             ),
         )
-    if channel in EFFORT:
+    if channel in EFFORT_CHANNELS:
         own = SHAFT_EFFORT_PARTS if channel == "effort" else GATE_EFFORT_PARTS
         return tuple(
-            Nuisance("effort", field, STEP_SHARE * value, value * t.effort_percent / 100.0)
+            Nuisance("effort", field, SLOPE_STEP_SHARE * value, value * t.effort_percent / 100.0)
             for field in own
             if (value := getattr(machine.effort, field)) > 0.0
         )
@@ -107,11 +107,11 @@ def find_tolerance(effect_id: str, machine: Machine) -> float:
     The effect's size is known no better than the tolerance. Where a row is longer than the
     tolerance, value and effect have kinks at different places, and no slope shows that.
     """
-    row = ROWS[effect_id]
+    row = EFFECT_ROWS[effect_id]
     return sum(n.sd for n in list_nuisances(row.stage, machine) if n.field == row.moves)
 
 
-def hidden_within(effect_id: str, machine: Machine) -> float:
+def calc_equivalent_sd(effect_id: str, machine: Machine) -> float:
     """Return the standard deviation up to which a healthy machine may behave as an effect does; 0
     for most effects.
 
@@ -119,7 +119,7 @@ def hidden_within(effect_id: str, machine: Machine) -> float:
     electrical time constant, which a data sheet with a single time constant omits.
     """
     if effect_id == SHAFT_SECOND_ORDER.id:
-        return ELECTRICAL * machine.shaft.time_constant_s
+        return ELECTRICAL_RATIO * machine.shaft.time_constant_s
     return find_tolerance(effect_id, machine)
 
 
@@ -135,7 +135,7 @@ def find_replaced_nominals(parts: Hypothesis) -> frozenset[str]:
     The size of the effect then replaces the tolerance of the value.
     """
     ids = [part.id for part in parts if part.onset_s is None]
-    rows = [ROWS[name] for one in ids for name in (one, *find_absorbed_effects(one))]
+    rows = [EFFECT_ROWS[name] for one in ids for name in (one, *find_absorbed_effects(one))]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
 
@@ -146,7 +146,7 @@ def find_stamp_sd_s(machine: Machine, step_s: float) -> float:
 
 def is_cumulative(part: EffectInstance, channel: str) -> bool:
     """Tell whether a channel accumulates an effect: a scale reads everything that has flowed."""
-    return channel == "scale" and ROWS[part.id].stage != "scale"
+    return channel == "scale" and EFFECT_ROWS[part.id].stage != "scale"
 
 
 def shape_over_time(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
@@ -213,11 +213,11 @@ class GroupModel:
         if "scale" not in self.names or data.hopper is None:
             return data
         level = np.interp(
-            data.time_s, self.channel("scale").grid.even_s, self.predicted(())["scale"]
+            data.time_s, self.find_channel("scale").grid.even_s, self.predict(())["scale"]
         )
         return data._replace(variables={**data.variables, "hopper_kg": level})
 
-    def channel(self, name: str) -> ChannelSeries:
+    def find_channel(self, name: str) -> ChannelSeries:
         """Return a channel of the group by name; ValueError where the group has none of that
         name."""
         return self.channels[self.names.index(name)]
@@ -236,15 +236,15 @@ class GroupModel:
         """Tolerances that affect the group, each with its channel."""
         return tuple((c, n) for c in self.channels for n in list_nuisances(c.name, self.machine))
 
-    def predicted(self, parts: Hypothesis) -> dict[str, Array]:
+    def predict(self, parts: Hypothesis) -> dict[str, Array]:
         """Predict each channel's reading under a hypothesis: (m,) by channel."""
         if parts not in self._predictions:
-            if len(self._predictions) > MAX_PREDICTIONS:
+            if len(self._predictions) > MAX_CACHED_PREDICTIONS:
                 self._predictions.pop(next(iter(self._predictions)))
-            self._predictions[parts] = self.run(parts)
+            self._predictions[parts] = self.run_model(parts)
         return self._predictions[parts]
 
-    def run(
+    def run_model(
         self, parts: Hypothesis, base: Stages | None = None, only: Collection[str] | None = None
     ) -> dict[str, Array]:
         """Run the model under a hypothesis: (m,) by channel. base : other stages; only : the
@@ -257,7 +257,7 @@ class GroupModel:
         now = dict(steady)
         for part in parts:
             if part.grows:
-                touched = [c for c in channels if c.name in ROWS[part.id].channels]
+                touched = [c for c in channels if c.name in EFFECT_ROWS[part.id].channels]
                 grown = self._predict_cached(
                     (*there, part._replace(onset_s=None, grows=False)), touched, base
                 )
@@ -283,47 +283,49 @@ class GroupModel:
             parts not in self._predictions and len(channels) < len(self.channels)
         ):
             return self._predict_steady(parts, channels, base)
-        known = self.predicted(parts)
+        known = self.predict(parts)
         return {c.name: known[c.name] for c in channels}
 
-    def residual(self, parts: Hypothesis) -> dict[str, Array]:
+    def calc_residual(self, parts: Hypothesis) -> dict[str, Array]:
         """Return measured, with corrected tails, minus predicted: (m,) by channel; 0 while a
         halting drive runs down."""
-        now = self.predicted(parts)
+        now = self.predict(parts)
         left = {c.name: c.measured - self.drawn_in[c.name] - now[c.name] for c in self.channels}
         for part in parts:
             if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
-                channel = self.channel(ROWS[part.id].stage)
+                channel = self.find_channel(EFFECT_ROWS[part.id].stage)
                 after_s = channel.grid.even_s - part.onset_s
                 left[channel.name] = np.where(
                     (after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name]
                 )
         return left
 
-    def banded_residual(self, parts: Hypothesis) -> dict[str, Array]:
+    def calc_banded_residual(self, parts: Hypothesis) -> dict[str, Array]:
         """Return cosine coefficients of the residual, sorted by band: (m,) by channel."""
-        left = self.residual(parts)
-        return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
+        left = self.calc_residual(parts)
+        return {c.name: calc_coefficients(left[c.name], c.cut) for c in self.channels}
 
-    def difference(self, parts: Hypothesis, more: EffectInstance) -> dict[str, Array]:
+    def calc_difference(self, parts: Hypothesis, more: EffectInstance) -> dict[str, Array]:
         """Return the change from a further effect in the channels that the effect changes: (m,) by
         channel."""
-        now = self.predicted(parts)
+        now = self.predict(parts)
         return {
             name: one - now[name]
-            for name, one in self.run((*parts, more), only=ROWS[more.id].channels).items()
+            for name, one in self.run_model(
+                (*parts, more), only=EFFECT_ROWS[more.id].channels
+            ).items()
         }
 
-    def nominal(self, nuisance: Nuisance) -> float:
+    def find_nominal(self, nuisance: Nuisance) -> float:
         """Return a value as the machine file declares it."""
         return float(getattr(getattr(self.machine, nuisance.stage), nuisance.field))
 
-    def move(self, offsets: Mapping[str, float]) -> None:
+    def set_offsets(self, offsets: Mapping[str, float]) -> None:
         """Set offsets of nominal values from the machine file's values (by key; other values have
         no offset)."""
         for _, n in self.nuisances:
-            self.base = self.base.put(
-                n.stage, **{n.field: float(self.nominal(n) + offsets.get(n.key, 0.0))}
+            self.base = self.base.replace_fields(
+                n.stage, **{n.field: float(self.find_nominal(n) + offsets.get(n.key, 0.0))}
             )
         self.offsets = dict(offsets)
         self.moves += 1

@@ -5,18 +5,18 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from topdress.control.diagnosis.effects import ROWS, find_size_range
+from topdress.control.diagnosis.effects import EFFECT_ROWS, find_size_range
 from topdress.control.diagnosis.judgement.evidence import (
-    Role,
+    ColumnRole,
     fit_amplitudes_and_noise,
     make_evidence_problem,
 )
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
-from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.diagnosis.judgement.noise import calc_coefficients
 from topdress.control.machine.machine import Machine
 
 from .channels import ChannelSeries
-from .columns import Columns
+from .columns import HypothesisColumns
 from .hypothesis import EffectInstance, Hypothesis
 from .model import Nuisance, find_replaced_nominals, find_tolerance
 
@@ -27,18 +27,18 @@ STEP_SHARES = (1.0, 0.4, 0.15)
 # Maximum offset in tolerances: the prior ends there, and a larger offset is an effect.
 MAX_OFFSET_SD = 3.0
 # Minimum step in tolerances: a smaller step is not worth a run of the model.
-SETTLED_SD = 0.05
+MIN_STEP_SD = 0.05
 # Minimum gain in log-likelihood for a further round.
 MIN_GAIN = 0.5
 # Nominal values that decide when a move ends.
-TIMED = ("dead_time_s", "slew_mm_s")
+TIMING_FIELDS = ("dead_time_s", "slew_mm_s")
 # Number of halvings of a tolerance in the search for a timing value: down to a thirtieth.
 HALVINGS = 5
 # Minimum gain in log-likelihood for a timing value to be changed.
-TIME_GAIN = 2.0
+MIN_TIME_GAIN = 2.0
 
 
-def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
+def settle_nominal_values(columns: HypothesisColumns, parts: Hypothesis) -> Hypothesis:
     """Set the model's nominal values to their best fit together with a hypothesis, and return the
     refitted hypothesis.
 
@@ -50,11 +50,11 @@ def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
     for _ in range(MAX_ROUNDS):
         before = dict(model.offsets)
         steps, sizes = _find_wanted_steps(columns, parts)
-        if all(abs(size) < SETTLED_SD * n.sd for n, size in steps):
+        if all(abs(size) < MIN_STEP_SD * n.sd for n, size in steps):
             break
         tried = parts
         for share in STEP_SHARES:
-            model.move(
+            model.set_offsets(
                 {
                     n.key: float(
                         np.clip(
@@ -74,7 +74,7 @@ def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
             if now > best:
                 break
         if now <= best:
-            model.move(before)
+            model.set_offsets(before)
             break
         gained, best, parts = now - best, now, tried
         if gained < MIN_GAIN:
@@ -83,7 +83,7 @@ def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
 
 
 def _find_wanted_steps(
-    columns: Columns, parts: Hypothesis
+    columns: HypothesisColumns, parts: Hypothesis
 ) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
     """Return the fitted step of each nominal value and of each effect's size (by index)."""
     model = columns.model
@@ -92,30 +92,34 @@ def _find_wanted_steps(
     of_value = {
         label.name: float(amplitude[k])
         for k, label in enumerate(p.labels)
-        if label.role is Role.TOLERANCE
+        if label.role is ColumnRole.TOLERANCE
     }
     of_part = {
         label.part: float(amplitude[k])
         for k, label in enumerate(p.labels)
-        if label.role is Role.SLOPE
+        if label.role is ColumnRole.SLOPE
     }
     return [
         (n, of_value.get(n.key, -model.offsets.get(n.key, 0.0))) for _, n in model.nuisances
     ], of_part
 
 
-def _calc_rest_likelihood(columns: Columns, parts: Hypothesis) -> float:
+def _calc_rest_likelihood(columns: HypothesisColumns, parts: Hypothesis) -> float:
     """Return the log-likelihood with the nominal values exactly at their current values."""
     model = columns.model
-    kept = [c for c in columns.fixed(parts) if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
-    p = make_evidence_problem(model.channels, model.banded_residual(parts), kept)
+    kept = [
+        c
+        for c in columns.list_fixed_columns(parts)
+        if c.label.role not in (ColumnRole.TOLERANCE, ColumnRole.TRAIT)
+    ]
+    p = make_evidence_problem(model.channels, model.calc_banded_residual(parts), kept)
     value = fit_amplitudes_and_noise(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
     for _, n in model.nuisances:
         value -= 0.5 * (model.offsets.get(n.key, 0.0) / n.sd) ** 2
     return value
 
 
-def _try_time_grid(columns: Columns, parts: Hypothesis) -> None:
+def _try_time_grid(columns: HypothesisColumns, parts: Hypothesis) -> None:
     """Set dead times and slew rates to the best value of a grid.
 
     A move shorter than a row ends before it is read, or has not started, so the likelihood has
@@ -123,26 +127,27 @@ def _try_time_grid(columns: Columns, parts: Hypothesis) -> None:
     """
     moved = find_replaced_nominals(parts)
     for channel, n in columns.model.nuisances:
-        if n.field in TIMED and n.key not in moved:
+        if n.field in TIMING_FIELDS and n.key not in moved:
             _move_time_value(columns, parts, channel, n)
 
 
 def _move_time_value(
-    columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance
+    columns: HypothesisColumns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance
 ) -> None:
     model, name = columns.model, channel.name
     kept = [
         c
-        for c in columns.fixed(parts)
-        if name in c.coefficients and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)
+        for c in columns.list_fixed_columns(parts)
+        if name in c.coefficients
+        and not (c.label.role is ColumnRole.TOLERANCE and c.label.name == n.key)
     ]
     places = np.arange(len(kept))
 
     @cache
     def value(off: float) -> float:
-        base = model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)})
-        left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]
-        p = make_evidence_problem([channel], {name: coefficients(left, channel.cut)}, kept)
+        base = model.base.replace_fields(n.stage, **{n.field: float(model.find_nominal(n) + off)})
+        left = channel.measured - model.drawn_in[name] - model.run_model(parts, base, (name,))[name]
+        p = make_evidence_problem([channel], {name: calc_coefficients(left, channel.cut)}, kept)
         return (
             fit_amplitudes_and_noise(p, places, model.noise, rounds=2).log_likelihood
             - 0.5 * (off / n.sd) ** 2
@@ -160,22 +165,22 @@ def _move_time_value(
         [n.sd * 0.5**halvings for halvings in range(HALVINGS + 1)],
         again=False,
     )
-    if value(best) > value(now) + TIME_GAIN:
-        model.move({**model.offsets, n.key: best})
+    if value(best) > value(now) + MIN_TIME_GAIN:
+        model.set_offsets({**model.offsets, n.key: best})
 
 
-def looked_for_to(effect_id: str, machine: Machine) -> float:
+def calc_timing_sd(effect_id: str, machine: Machine) -> float:
     """Return the standard deviation of the time search that an effect of nearly the same form
     depends on; 0 where there is none.
 
     A size that is fitted together with such a time is known no better, however long the log.
     """
-    row = ROWS[effect_id]
+    row = EFFECT_ROWS[effect_id]
     return max(
         (
             find_tolerance(one, machine) / 2.0**HALVINGS
             for one in row.siblings
-            if ROWS[one].moves in TIMED
+            if EFFECT_ROWS[one].moves in TIMING_FIELDS
         ),
         default=0.0,
     )

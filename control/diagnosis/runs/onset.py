@@ -10,38 +10,38 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 from topdress.control.diagnosis import effects
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
-from topdress.control.diagnosis.judgement.prior import SAID
+from topdress.control.diagnosis.judgement.prior import MIN_REPORT_LOG_ODDS
 from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from topdress.control.machine.machine import CATALOGUE, scale_nominal
 
-from .changepoint import END_S
+from .changepoint import EDGE_MARGIN_S
 from .hypothesis import EffectInstance, Hypothesis, replace_part
 from .intermittent import find_prior_odds
 from .model import HALT_S, GroupModel
-from .search import Candidate, FittedHypothesis, Search, log_likelihood
+from .search import Candidate, FittedHypothesis, Search, find_log_likelihood
 
 Array = npt.NDArray[np.float64]
 
 # Number of samples of the median before a stop is searched for: a single outlier is no rotation.
 MEDIAN_SAMPLES = 5
 # Share of the predicted speed: a shaft that reads more obeys.
-TURNS_SHARE = 0.3
+MIN_OBEYED_SHARE = 0.3
 # Minimum command of a shaft that should turn, r/min, on the nominal machine.
 TURNING_RPM = 5.0
 # Minimum duration of standing or turning, s: a shorter episode is a normal start.
-EPISODE_S = 0.25
+MIN_EPISODE_S = 0.25
 # Maximum share of turning rows after a stop: occasional rotation is noise of the command.
-MAX_OBEYED = 0.1
+MAX_OBEYED_SHARE = 0.1
 # Minimum total time in which a drive disobeys, s.
 MIN_DISOBEYED_S = 3.0
 # Minimum deviation of the mean over a second, in standard deviations of a reading.
 MIN_OFF_SD = 2.0
 # Maximum distance of a stop from the last move, s: the last moves are smaller than the noise.
-STUCK_WITHIN_S = 2.0
+MAX_STOP_DISTANCE_S = 2.0
 # Opening difference, mm, that weighs as much as MAX_STOP_DISTANCE_S, on the nominal machine.
-STUCK_MM = 0.02
+STOP_SCALE_MM = 0.02
 # Standard deviation of the time of a stop, s.
 STOP_SD_S = 0.5
 
@@ -52,7 +52,7 @@ STEPS_ROWS = (32, 8, 2, 1)
 def find_stopped_drives(model: GroupModel) -> list[Candidate]:
     """Return drives that stood still to the end of the log though commanded to move."""
     found: list[Candidate] = []
-    predicted = model.predicted(())
+    predicted = model.predict(())
     for channel in model.channels:
         if channel.settled:
             # The last rows of a descending staircase are within a dead zone.
@@ -60,7 +60,8 @@ def find_stopped_drives(model: GroupModel) -> list[Candidate]:
         if channel.name == "shaft":
             asked = predicted["shaft"] > scale_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
             obeyed = asked & (
-                median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"]
+                median_filter(channel.measured, MEDIAN_SAMPLES)
+                > MIN_OBEYED_SHARE * predicted["shaft"]
             )
             at = _find_last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
@@ -71,7 +72,7 @@ def find_stopped_drives(model: GroupModel) -> list[Candidate]:
             )
             effect = effects.GATE_STUCK.id
             if at is not None:
-                near_mm = scale_nominal(model.machine, OPENING_RANGE) * STUCK_MM
+                near_mm = scale_nominal(model.machine, OPENING_RANGE) * STOP_SCALE_MM
                 at = _find_stuck_sample(
                     channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm
                 )
@@ -89,19 +90,19 @@ def find_standing_onset(model: GroupModel) -> list[Candidate]:
     time on."""
     if "shaft" not in model.names:
         return []
-    channel, asked = model.channel("shaft"), model.predicted(())["shaft"]
+    channel, asked = model.find_channel("shaft"), model.predict(())["shaft"]
     if channel.settled:
         return []
-    rows = np.ones(max(3, round(EPISODE_S / channel.grid.step_s)), bool)
+    rows = np.ones(max(3, round(MIN_EPISODE_S / channel.grid.step_s)), bool)
     commanded = asked > scale_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
-    turns = median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * asked
+    turns = median_filter(channel.measured, MEDIAN_SAMPLES) > MIN_OBEYED_SHARE * asked
     stood = np.flatnonzero(binary_opening(commanded & ~turns, rows))
     if not len(stood):
         return []
     size_rpm = float(asked[stood].max())
     obeyed = np.flatnonzero(binary_opening(commanded & turns & (asked < size_rpm), rows))
     before = obeyed[obeyed < stood[0]]
-    if not len(before) or len(obeyed) > len(before) + MAX_OBEYED * len(stood):
+    if not len(before) or len(obeyed) > len(before) + MAX_OBEYED_SHARE * len(stood):
         return []
     onset_s = 0.5 * float(channel.grid.even_s[before[-1]] + channel.grid.even_s[stood[0]])
     return [
@@ -109,12 +110,12 @@ def find_standing_onset(model: GroupModel) -> list[Candidate]:
     ]
 
 
-def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -> bool:
+def disobeys_after_stop(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -> bool:
     """Tell whether a stopped drive still deviates from its command, well after its stop, once
     `parts` are included."""
-    channel = model.channel(ROWS[stop.id].stage)
+    channel = model.find_channel(EFFECT_ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
-    off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
+    off = uniform_filter1d(channel.measured - model.predict(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
     return (
         float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s
@@ -138,7 +139,7 @@ def _find_still_start(measured: Array, predicted: Array, noise: float, least: in
     about_model = (np.cumsum(left**2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise**2
     least_gain = 2.0 * (
-        SAID
+        MIN_REPORT_LOG_ODDS
         - find_prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0))
         + float(np.log(len(measured)))
     )
@@ -160,19 +161,21 @@ def _find_stuck_sample(
     there."""
     level = float(np.median(measured[at:]))
     near = np.arange(
-        max(0, at - round(STUCK_WITHIN_S / step_s)),
-        min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1),
+        max(0, at - round(MAX_STOP_DISTANCE_S / step_s)),
+        min(len(measured), at + round(MAX_STOP_DISTANCE_S / step_s) + 1),
     )
-    away = np.abs(predicted[near] - level) / near_mm + np.abs(near - at) * step_s / STUCK_WITHIN_S
+    away = (
+        np.abs(predicted[near] - level) / near_mm + np.abs(near - at) * step_s / MAX_STOP_DISTANCE_S
+    )
     return int(near[np.argmin(away)])
 
 
-def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float]:
+def find_stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float]:
     """Return the times between which a drive may have stopped, s: while the command equals the
     final position, the stop is invisible."""
-    channel = model.channel(ROWS[part.id].stage)
+    channel = model.find_channel(EFFECT_ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
-    asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
+    asked, even_s = model.predict(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
     level = float(np.median(channel.measured[at:]))
     away = np.flatnonzero(np.abs(asked - level) > channel.prior.fast_sd)
@@ -201,7 +204,10 @@ def refine_onsets(search: Search, found: FittedHypothesis) -> FittedHypothesis:
     No other effect explains an edge that is off by a row.
     """
     model = search.model
-    first_s, last_s = float(model.data.time_s[0]) + END_S, float(model.data.time_s[-1]) - END_S
+    first_s, last_s = (
+        float(model.data.time_s[0]) + EDGE_MARGIN_S,
+        float(model.data.time_s[-1]) - EDGE_MARGIN_S,
+    )
     row_s = min(channel.grid.step_s for channel in model.channels)
 
     def near(now: FittedHypothesis, rows: float) -> Iterator[FittedHypothesis]:
@@ -213,9 +219,9 @@ def refine_onsets(search: Search, found: FittedHypothesis) -> FittedHypothesis:
                 for moved in (part._replace(onset_s=part.onset_s + by_s), *ends):
                     times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
                     if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
-                        yield search.refit(replace_part(now.parts, k, moved), now.noise)
+                        yield search.refit_hypothesis(replace_part(now.parts, k, moved), now.noise)
 
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
         return found
-    return climb_to_best(found, log_likelihood, near, STEPS_ROWS, again=False)
+    return climb_to_best(found, find_log_likelihood, near, STEPS_ROWS, again=False)

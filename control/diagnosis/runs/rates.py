@@ -31,10 +31,10 @@ from topdress.control.recordings.speeds import MOVING_MPS
 
 Array = npt.NDArray[np.float64]
 
-TARGET, APPLIED = "target_rate_kg_ha", "applied_rate_kg_ha"
+TARGET_COLUMN, APPLIED_COLUMN = "target_rate_kg_ha", "applied_rate_kg_ha"
 # Column of an as-applied file whose rows are means over stretches of the path, with times at the
 # stretches' middles.
-STRETCHES = "x_duration_s"
+STRETCH_COLUMN = "x_duration_s"
 MAX_LAG_S, LAG_STEP_S = 6.0, 0.05
 # Minimum length of a pass, s: every lag then covers a third or more.
 MIN_PASS_S = 3 * MAX_LAG_S
@@ -45,13 +45,13 @@ MAX_GAP_STEPS = 2.5
 # Minimum length of a gap that ends a pass, s.
 MIN_GAP_S = 3.0
 # Change of course from the start of a pass that ends the pass, degrees.
-TURN_DEG = 60.0
+MAX_COURSE_CHANGE_DEG = 60.0
 # Minimum standard deviation over mean of a target that can show a lag.
 MIN_CHANGE = 0.02
 # Maximum autocorrelation of the residual from row to row.
-MAX_CORRELATION = 0.95
+MAX_AUTOCORRELATION = 0.95
 # Significance level at which passes are reported to differ.
-DIFFER_P = 1e-3
+MAX_DIFFER_P_VALUE = 1e-3
 # Drop of twice the log-likelihood at the ends of a 90 % interval (chi-squared, 1 degree of
 # freedom).
 DROP_90 = float(chdtri(1, 0.1))
@@ -86,7 +86,7 @@ def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[Rate
     """
     missing = [
         name
-        for name in (TARGET, APPLIED)
+        for name in (TARGET_COLUMN, APPLIED_COLUMN)
         if name not in columns or not np.isfinite(np.asarray(columns[name], np.float64)).any()
     ]
     if len(missing) == 2:
@@ -107,7 +107,7 @@ def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[Rate
     if not found:
         return (), f"no pass of {MIN_PASS_S:g} s with both rates in {MIN_ROWS} rows and more"
     # The time of a value within its row is unknown.
-    row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)
+    row_s = 0.0 if STRETCH_COLUMN in columns else step / np.sqrt(12.0)
     fits = tuple(_fit_common_lag(number, [one], lags, row_s) for number, one in enumerate(found, 1))
     return (
         (_fit_common_lag(None, found, lags, row_s), *fits)
@@ -140,8 +140,8 @@ def _list_pass_rows(
 ) -> list[npt.NDArray[np.int64]]:
     """Return the rows of each pass."""
     course = _find_course_deg(columns, time)
-    good = np.isfinite(np.asarray(columns[TARGET], np.float64)) & np.isfinite(
-        np.asarray(columns[APPLIED], np.float64)
+    good = np.isfinite(np.asarray(columns[TARGET_COLUMN], np.float64)) & np.isfinite(
+        np.asarray(columns[APPLIED_COLUMN], np.float64)
     )
     state = columns.get("state")
     if state is not None and (np.asarray(state) != "").any():
@@ -168,7 +168,7 @@ def _list_pass_rows(
 
 def _has_turned(course: Array, began: int, now: int) -> bool:
     # NaN, an unknown course, compares as False.
-    return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > TURN_DEG)
+    return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > MAX_COURSE_CHANGE_DEG)
 
 
 def _find_course_deg(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
@@ -192,7 +192,8 @@ def _fit_one_pass(
     columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDArray[np.int64], lags: Array
 ) -> _RatePass | None:
     at, target, applied = (
-        np.asarray(columns[name], np.float64)[rows] for name in ("time_s", TARGET, APPLIED)
+        np.asarray(columns[name], np.float64)[rows]
+        for name in ("time_s", TARGET_COLUMN, APPLIED_COLUMN)
     )
     asked = (at >= at[0] + MAX_LAG_S) & (at <= at[-1] - MAX_LAG_S)
     if asked.sum() < MIN_ROWS or not (target > 0.0).any():
@@ -238,8 +239,8 @@ def _calc_independent_share(passes: list[_RatePass]) -> float:
     rows = sum(one.rows for one in passes)
     own, next_row, over_next = (sum(one.products[k] for one in passes) for k in range(3))
     c1, c2 = (c + (1.0 + 3.0 * c) * len(passes) / rows for c in (next_row / own, over_next / own))
-    c1 = min(max(c1, 0.0), MAX_CORRELATION)
-    r = min(max(c2 / c1, c1), MAX_CORRELATION) if c1 > 2.0 / np.sqrt(rows) else c1
+    c1 = min(max(c1, 0.0), MAX_AUTOCORRELATION)
+    r = min(max(c2 / c1, c1), MAX_AUTOCORRELATION) if c1 > 2.0 / np.sqrt(rows) else c1
     return max(3.0 / rows, 1.0 / (1.0 + 2.0 * c1 / (1.0 - r)))
 
 
@@ -312,7 +313,7 @@ def _average_gain(
     mean = float(share @ gains / share.sum())
     spread = float(share @ (gains - mean) ** 2)
     free = len(passes) - 1
-    differ = free > 0 and float(chdtrc(free, spread)) < DIFFER_P
+    differ = free > 0 and float(chdtrc(free, spread)) < MAX_DIFFER_P_VALUE
     widened = max(1.0, spread / free) if differ else 1.0
     sides = float(stdtrit(free_rows, 0.95))
     return mean, sides * float(np.sqrt(widened / share.sum())), differ

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
-from topdress.control.diagnosis.cost import find_consequence
+from topdress.control.diagnosis.cost import calc_consequence
 from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
+    EFFECT_ROWS,
     FLOW_GAIN,
     GATE_OFFSET,
-    ROWS,
     SHAFT_GAIN,
     SHAFT_SECOND_ORDER,
     SPEED_WHEEL_RADIUS,
@@ -24,11 +24,11 @@ from topdress.control.diagnosis.effects import (
 from topdress.control.diagnosis.extend import find_free_id
 from topdress.control.diagnosis.judgement.evidence import Z90, project_out_fixed
 from topdress.control.diagnosis.judgement.prior import (
-    APART_SD,
-    LISTED,
-    NAMED,
+    MIN_LISTED_PROB,
+    MIN_NAMED_PROB,
+    SEPARATION_SD,
+    calc_detectable_size,
     calc_log_prior_odds,
-    smallest_said,
 )
 from topdress.control.diagnosis.result import (
     UNKNOWN,
@@ -61,15 +61,25 @@ from topdress.control.machine.shaft import calc_step_response
 
 from .channels import make_channels
 from .cost import calc_field_cost
-from .findings import find_row_shift_probability, is_steady_part, mistaken_unit, note_doubted_rows
-from .gain import measure_gain, spread_of_sizes
+from .findings import (
+    calc_unit_probability,
+    find_row_shift_probability,
+    is_steady_part,
+    note_doubted_rows,
+)
+from .gain import calc_size_spread, measure_gain
 from .hypothesis import EffectInstance, make_schedule
-from .intermittent import ReadOff
+from .intermittent import DirectDetection
 from .log import clean_run_log
-from .model import GROUPS, find_tolerance, hidden_within
-from .nominal_values import looked_for_to
-from .onset import stop_interval
-from .residual_analysis import Remains, describe_louder_channels, find_remains, unknown_share
+from .model import CHANNEL_GROUPS, calc_equivalent_sd, find_tolerance
+from .nominal_values import calc_timing_sd
+from .onset import find_stop_interval
+from .residual_analysis import (
+    ResidualStructure,
+    calc_unknown_prob,
+    describe_louder_channels,
+    find_residual_structure,
+)
 from .search import Candidate, Search
 from .selection import GroupResult
 from .stages import RunData, make_run_data
@@ -77,11 +87,11 @@ from .terms import FittedTerm, average_along, average_marginal
 
 Array = npt.NDArray[np.float64]
 # Window over which the flow is estimated from the scale, s.
-WINDOW_S = 10.0
+FLOW_WINDOW_S = 10.0
 # A rise of the reading over a window by more than this, kg, is a refill, on the nominal machine.
-RISE_KG = 1.0
+MIN_REFILL_RISE_KG = 1.0
 # The factor or offset error that every log of a channel should show.
-PLAINEST = {
+BASIC_EFFECTS = {
     "shaft": SHAFT_GAIN.id,
     "gate": GATE_OFFSET.id,
     "flow": FLOW_GAIN.id,
@@ -98,7 +108,7 @@ def find_separating_run(causes: Sequence[Cause], machine: Machine) -> NextRun | 
         return None
     cause = max(doubtful, key=lambda c: c.rivals[0].probability)
     rival = cause.rivals[0].id
-    value = cause.size.value or ROWS[cause.id].probe or 1.0
+    value = cause.size.value or EFFECT_ROWS[cause.id].probe or 1.0
     every = list_manoeuvres(machine)
     apart = np.array(
         [
@@ -110,7 +120,7 @@ def find_separating_run(causes: Sequence[Cause], machine: Machine) -> NextRun | 
             ]
         ]
     )
-    best = choose_experiments(apart, [one.minutes for one in every], APART_SD, 1).tests
+    best = choose_experiments(apart, [one.minutes for one in every], SEPARATION_SD, 1).tests
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if not best:
         return NextRun(why, CATALOGUE[cause.id].effect.separate)
@@ -126,7 +136,9 @@ def find_separation(
     log = clean_run_log(manoeuvre.predict(machine))
     data = make_run_data(log, machine)
     seen = make_channels(data, machine)
-    names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
+    names = next(
+        names for names in CHANNEL_GROUPS.values() if EFFECT_ROWS[part.id].channels[0] in names
+    )
     members = [seen[n] for n in names if n in seen]
     if not members:
         return 0.0
@@ -139,15 +151,15 @@ def find_separation(
     )
     other = next(c for c in wanted if c.part.id == rival_id)
     p, before = search.columns.compress_hypothesis(
-        (), [search.columns.of_candidate((), c.part) for c in (other, own)]
+        (), [search.columns.make_candidate_column((), c.part) for c in (other, own)]
     )
     left = project_out_fixed(p, np.arange(before + 1), search.model.noise).A[-1, -1]
     return float(abs(part.size) * np.sqrt(max(0.0, left)))
 
 
-def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
+def make_channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
     """Build the result's channels of one group; the scale's reading gives both flow and scale."""
-    left = one.search.model.residual(())
+    left = one.search.model.calc_residual(())
     found: list[Channel] = []
     for channel in one.search.model.channels:
         residual, measured = left[channel.name], channel.measured
@@ -163,7 +175,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
                     noise.fast_sd,
                     p,
                     data,
-                    scale_nominal(one.search.model.machine, HOPPER_CAPACITY) * RISE_KG,
+                    scale_nominal(one.search.model.machine, HOPPER_CAPACITY) * MIN_REFILL_RISE_KG,
                 )
             )
             residual = residual - np.median(residual[:10])
@@ -192,9 +204,9 @@ def _make_flow_channel(
     data: RunData,
     rise_kg: float,
 ) -> Channel:
-    """Build the flow channel from decrements of the scale over WINDOW_S of working time."""
+    """Build the flow channel from decrements of the scale over FLOW_WINDOW_S of working time."""
     step = float(time_s[1] - time_s[0])
-    hop = max(1, int(round(WINDOW_S / step)))
+    hop = max(1, int(round(FLOW_WINDOW_S / step)))
     working = np.interp(time_s, data.time_s, data.working)
     level = np.arange(0, len(reading) - hop, hop)
     on = np.array(
@@ -222,7 +234,7 @@ def _make_flow_channel(
     )
 
 
-class _Open(NamedTuple):
+class _UnnamedCandidates(NamedTuple):
     """Candidates of a group that were not named, (k,), and the information of the log on the size
     of each: inverse variance (k,)."""
 
@@ -231,21 +243,21 @@ class _Open(NamedTuple):
     information: list[float]
 
 
-def _list_open_columns(one: GroupResult) -> _Open:
+def _list_open_columns(one: GroupResult) -> _UnnamedCandidates:
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
     kept = [c for c in search.candidates if c.part.id not in named]
     p, before = search.columns.compress_hypothesis(
-        now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept]
+        now.parts, [search.columns.make_candidate_column(now.parts, c.part) for c in kept]
     )
-    return _Open(
+    return _UnnamedCandidates(
         search,
         kept,
         np.diag(project_out_fixed(p, np.arange(before), now.noise).A)[before:].tolist(),
     )
 
 
-def _list_not_shown(left: _Open) -> list[NotShown]:
+def _list_not_shown(left: _UnnamedCandidates) -> list[NotShown]:
     """Return the smallest size at which each unnamed effect would have been named (Fisher
     information)."""
     search = left.search
@@ -267,7 +279,7 @@ def _list_not_shown(left: _Open) -> list[NotShown]:
     return found
 
 
-def _hardly_known(left: _Open) -> list[str]:
+def _list_uninformed_effects(left: _UnnamedCandidates) -> list[str]:
     """Return the basic effects on whose size the log has less information than the prior (`usual`).
 
     The absence of such an effect is then a statement of the prior, not of the log.
@@ -275,7 +287,7 @@ def _hardly_known(left: _Open) -> list[str]:
     return [
         c.part.id
         for c, known in zip(left.candidates, left.information, strict=True)
-        if c.part.id in PLAINEST.values() and known * c.usual**2 < 1.0
+        if c.part.id in BASIC_EFFECTS.values() and known * c.usual**2 < 1.0
     ]
 
 
@@ -284,11 +296,11 @@ def _find_detectable_size(
 ) -> float:
     """Return the smallest size that would be named with a probability of 0.9; inf where this column
     cannot show the effect."""
-    part, row = candidate.part, ROWS[candidate.part.id]
+    part, row = candidate.part, EFFECT_ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
         return np.inf
-    size = smallest_said(
-        candidate.usual, 1.0 / (1.0 / information + hidden_within(part.id, machine) ** 2), odds
+    size = calc_detectable_size(
+        candidate.usual, 1.0 / (1.0 / information + calc_equivalent_sd(part.id, machine) ** 2), odds
     )
     if row.threshold:
         size = abs(part.size) if size <= abs(part.size) else np.inf
@@ -299,22 +311,24 @@ def make_report(
     data: RunData,
     machine: Machine,
     judged: Sequence[GroupResult],
-    read_off: Sequence[ReadOff],
+    read_off: Sequence[DirectDetection],
     path: str,
     findings: tuple[str, ...],
 ) -> Diagnosis:
     """Build the published result. read_off : effects that were removed from the data before the
     search."""
-    rows = [row for one in judged for row in channel_rows(one, data)]
+    rows = [row for one in judged for row in make_channel_rows(one, data)]
     gains: list[Gain] = []
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     for one in judged:
-        rest = find_remains(
-            one, {name for each in read_off for name in ROWS[each.part.id].channels}
+        rest = find_residual_structure(
+            one, {name for each in read_off for name in EFFECT_ROWS[each.part.id].channels}
         )
-        doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
-        varies = spread_of_sizes(one)
+        doubt = (
+            calc_unit_probability(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
+        )
+        varies = calc_size_spread(one)
         named = [
             _make_cause(
                 one,
@@ -323,7 +337,7 @@ def make_report(
                 machine,
                 data,
                 max(
-                    unknown_share(one, k, rest),
+                    calc_unknown_prob(one, k, rest),
                     doubt * is_steady_part(part),
                     find_row_shift_probability(part, sd, data, machine),
                 ),
@@ -336,11 +350,11 @@ def make_report(
                 tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine
             ),
         )
-        named = [cause for cause in named if cause.probability > LISTED or not rest]
+        named = [cause for cause in named if cause.probability > MIN_LISTED_PROB or not rest]
         causes += named
         unexplained += _list_unexplained(one, rest, rows, bool(named))
         gains += measure_gain(one) if named or not one.found.parts else ()
-    causes += [_read_off_cause(one, machine, data) for one in read_off]
+    causes += [_make_direct_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _list_smooth_tables(one, data)]
     left = [_list_open_columns(one) for one in judged]
@@ -350,8 +364,8 @@ def make_report(
         for one in _list_not_shown(each)
         if one.id not in {r.part.id for r in read_off}
     ]
-    hardly = {effect_id for each in left for effect_id in _hardly_known(each)}
-    open_ = [row.channel for row in rows if PLAINEST.get(row.channel) in hardly]
+    hardly = {effect_id for each in left for effect_id in _list_uninformed_effects(each)}
+    open_ = [row.channel for row in rows if BASIC_EFFECTS.get(row.channel) in hardly]
     verdict = _choose_verdict(
         [row for row in rows if row.channel not in open_], causes, unexplained
     )
@@ -387,11 +401,11 @@ def make_report(
         channels=tuple(rows),
         verdict=verdict,
         causes=tuple(
-            sorted(causes, key=lambda cause: find_consequence(cause.field_cost), reverse=True)
+            sorted(causes, key=lambda cause: calc_consequence(cause.field_cost), reverse=True)
         ),
         not_shown=(
             *absent,
-            *_list_never_shown(
+            *_list_invisible_effects(
                 {c.id for c in causes} | {a.id for a in absent},
                 machine,
                 {one.name for one in data.efforts},
@@ -447,10 +461,12 @@ def _describe_cannot_tell(
     channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]
 ) -> str:
     """Describe what a log cannot tell of a channel in which no cause was found."""
-    said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].scanned for name in named)
+    said = any(
+        EFFECT_ROWS[name].channels[:1] == (channel,) and EFFECT_ROWS[name].scanned for name in named
+    )
     if channel in unexplained or said:
         return ""
-    one = next(one for one in absent if one.id == PLAINEST[channel])
+    one = next(one for one in absent if one.id == BASIC_EFFECTS[channel])
     size = one.smallest_detectable
     least = "at any size" if size.value is None else f"below {size.value:.2g} {size.unit}"
     return (
@@ -460,7 +476,9 @@ def _describe_cannot_tell(
     )
 
 
-def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
+def _list_invisible_effects(
+    there: set[str], machine: Machine, shown: Collection[str]
+) -> list[NotShown]:
     """Return effects that this log could not show at any size; those of effort only where a drive
     of this log has an effort column."""
     return [
@@ -468,7 +486,7 @@ def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str])
         for effect_id, entry in CATALOGUE.items()
         if effect_id not in there
         and (
-            ROWS[effect_id].channels[0] in shown
+            EFFECT_ROWS[effect_id].channels[0] in shown
             if entry.stage == "effort"
             else machine.has_stage(entry.stage)
         )
@@ -476,7 +494,7 @@ def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str])
 
 
 def _list_unexplained(
-    one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool
+    one: GroupResult, rest: Sequence[ResidualStructure], rows: Sequence[Channel], named: bool
 ) -> list[Unexplained]:
     """Return the structure of a group that is neither noise nor named: its smooth dependence, or
     else the residual structure of its channels."""
@@ -552,7 +570,7 @@ def _number_equal_terms(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
     return tuple(found)
 
 
-def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
+def _make_direct_cause(seen: DirectDetection, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
     size = Size(seen.part.size, low, high, describe_unit(seen.part.id, machine))
@@ -577,21 +595,25 @@ def _make_cause(
     entry = CATALOGUE[part.id]
     unit = describe_unit(part.id, machine)
     if entry.effect.onset_only:
-        size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
+        size = Size(part.onset_s, *find_stop_interval(one.search.model, part), unit)
     else:
         sd = float(
             np.sqrt(
-                sd**2 + find_tolerance(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2
+                sd**2
+                + find_tolerance(part.id, machine) ** 2
+                + calc_timing_sd(part.id, machine) ** 2
             )
         )
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
-    known = place.posterior(left)
+    known = place.calc_probabilities(left)
     instead = [
         *((r.part.id, p) for r, p in zip(place.rivals, known.rivals, strict=True)),
         (UNKNOWN, known.unknown),
     ]
-    rivals = tuple(Rival(name, p) for name, p in instead if p > LISTED and known.part < NAMED)
+    rivals = tuple(
+        Rival(name, p) for name, p in instead if p > MIN_LISTED_PROB and known.part < MIN_NAMED_PROB
+    )
     return Cause(
         part.id,
         size,

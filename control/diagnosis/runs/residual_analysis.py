@@ -12,13 +12,13 @@ from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.checks import (
-    LEVEL,
-    by_chance_taken,
-    by_chance_together,
+    FALSE_ALARM_PROB,
+    calc_correlation_p,
+    calc_fit_p,
     estimate_noise_ratio,
-    find_line_period_s,
+    find_line_period,
     is_drift_excessive,
     is_noise_loud,
 )
@@ -26,27 +26,27 @@ from topdress.control.diagnosis.judgement.evidence import make_evidence_problem,
 from topdress.control.diagnosis.judgement.gaussian import Array
 from topdress.control.diagnosis.judgement.noise import (
     Noise,
-    calc_coefficient_strengths,
-    coefficients,
-    make_series_of,
+    calc_coefficient_variances,
+    calc_coefficients,
+    make_series,
 )
 
-from .channels import QUICK_S, ChannelSeries
+from .channels import MAX_NOISE_PERIOD_S, ChannelSeries
 from .selection import GroupResult
-from .smooth import DOWNSTREAM
+from .smooth import DOWNSTREAM_VARIABLES
 from .stages import RunData
 
 # Minimum explained share of the residual variance for an effect to be called the nearest.
-LIKE = 0.4
+MIN_SIMILARITY = 0.4
 # Variable that is the command of a drive's channel.
-OWN = {"shaft": "shaft_rpm", "gate": "opening_mm"}
+COMMAND_VARIABLES = {"shaft": "shaft_rpm", "gate": "opening_mm"}
 # Answers up to 2^12 samples after a move are tested, in windows that double.
-LATEST = 12
+MAX_DELAY_EXPONENT = 12
 # Excluded variables: a residual may always drift with time, and a heading has no order.
-NO_ORDER = frozenset({"time_s", "heading_deg"})
+UNORDERED_VARIABLES = frozenset({"time_s", "heading_deg"})
 
 
-class Remains(NamedTuple):
+class ResidualStructure(NamedTuple):
     """Residual structure of one channel that is not noise."""
 
     channel: str
@@ -66,7 +66,7 @@ class Remains(NamedTuple):
         return float(np.sum(self.rest**2))
 
 
-def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
+def calc_unknown_prob(one: GroupResult, k: int, rest: Collection[ResidualStructure]) -> float:
     """Return the probability that effect k is another cause, where channels that it changes have
     structure in their residual.
 
@@ -74,7 +74,7 @@ def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
     """
     if not rest:
         return 0.0
-    trace = one.search.columns.trace(one.found.parts, k).coefficients
+    trace = one.search.columns.make_effect_column(one.found.parts, k).coefficients
     share = 0.0
     for each in rest:
         if each.channel in trace:
@@ -85,45 +85,47 @@ def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
     return share
 
 
-def find_remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
+def find_residual_structure(
+    one: GroupResult, read_off: Collection[str] = ()
+) -> list[ResidualStructure]:
     """Return the residual structure of a group's channels, after named effects and tolerances.
 
     read_off : channels whose spells were removed before the search, because undetected short spells
     leave a drift.
     """
-    found, rest = list[Remains](), _calc_rest_of_channels(one)
+    found, rest = list[ResidualStructure](), _calc_rest_of_channels(one)
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
         name, left = channel.name, rest[channel.name]
         noise = (one.terms[-1].noise if one.terms else one.found.noise)[name]
-        period_s = find_line_period_s(left, noise, channel.prior, channel.cut, channel.grid.step_s)
+        period_s = find_line_period(left, noise, channel.prior, channel.cut, channel.grid.step_s)
         # The unobserved metering between rows is a random walk, which looks like a drift.
         walks = channel.prior.walk_sd > 0.0
         usual = channel.prior.fast_sd**2 * (1.0 + channel.prior.slow_share**2)
         expected = len(left) * (usual + channel.prior.floor_sd**2)
         if name not in read_off and not walks and is_drift_excessive(noise, channel.prior):
             found.append(
-                Remains(
+                ResidualStructure(
                     name, "drift", _find_nearest_effect(one, channel, left), None, left, expected
                 )
             )
         elif is_noise_loud(noise, channel.prior, left):
             found.append(
-                Remains(
+                ResidualStructure(
                     name, "loud", _find_nearest_effect(one, channel, left), None, left, expected
                 )
             )
-        elif period_s is not None and period_s > QUICK_S:
-            found.append(Remains(name, "line", "", period_s, left, expected))
+        elif period_s is not None and period_s > MAX_NOISE_PERIOD_S:
+            found.append(ResidualStructure(name, "line", "", period_s, left, expected))
         if not one.found.parts and not one.terms:
             variable = find_followed_variable(channel, left, noise, one.search.model.data)
-            if not variable and follows_moves(channel, left, noise, one.search.model.data):
-                variable = OWN[name]
+            if not variable and depends_on_moves(channel, left, noise, one.search.model.data):
+                variable = COMMAND_VARIABLES[name]
             if found and found[-1].channel == name:
                 found[-1] = found[-1]._replace(variable=variable)
             elif variable:
-                found.append(Remains(name, "follows", "", None, left, expected, variable))
+                found.append(ResidualStructure(name, "follows", "", None, left, expected, variable))
     return found
 
 
@@ -152,9 +154,9 @@ def _calc_rest_of_channels(one: GroupResult) -> dict[str, Array]:
     """Return the banded residual coefficients (m,) by channel, after removal of everything that the
     hypothesis can absorb."""
     columns, parts = one.search.columns, one.found.parts
-    base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
+    base, banded = columns.list_columns(parts), columns.model.calc_banded_residual(parts)
     base = [*base, *(column for term in one.terms for column in term.columns)]
-    sizes = make_evidence_problem(columns.model.channels, banded, base).sizes(
+    sizes = make_evidence_problem(columns.model.channels, banded, base).fit_sizes(
         np.arange(len(base)), one.found.noise
     )
     return subtract_columns(banded, base, sizes.b)
@@ -163,15 +165,15 @@ def _calc_rest_of_channels(one: GroupResult) -> dict[str, Array]:
 def _find_nearest_effect(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
     """Return the effect whose trace is most similar to the residual `left` of a channel (m,), apart
     from noise; "" where none is similar."""
-    best, like = "", LIKE
+    best, like = "", MIN_SIMILARITY
     for candidate in one.search.candidates:
-        column = one.search.columns.of_candidate(one.found.parts, candidate.part).coefficients.get(
-            channel.name
-        )
+        column = one.search.columns.make_candidate_column(
+            one.found.parts, candidate.part
+        ).coefficients.get(channel.name)
         if column is None or not np.any(column):
             continue
         size = float(np.clip(left @ column / (column @ column), candidate.low, candidate.high))
-        if ROWS[candidate.part.id].threshold:
+        if EFFECT_ROWS[candidate.part.id].threshold:
             size = candidate.part.size
         share = 1.0 - float(np.sum((left - size * column) ** 2) / np.sum(left**2))
         if share > like:
@@ -192,30 +194,30 @@ def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, da
         channel.name,
         1.0
         / np.sqrt(
-            calc_coefficient_strengths(noise, channel.prior, channel.cut, channel.grid.step_s)
+            calc_coefficient_variances(noise, channel.prior, channel.cut, channel.grid.step_s)
         ),
     )
     if stage == "scale":
         stage = "flow"
-    never = DOWNSTREAM.get(stage, frozenset()) | NO_ORDER
-    left = make_series_of(rest * whiten, channel.cut)
+    never = DOWNSTREAM_VARIABLES.get(stage, frozenset()) | UNORDERED_VARIABLES
+    left = make_series(rest * whiten, channel.cut)
     names = [
         name
         for name, values in data.variables.items()
         if name not in never and np.ptp(values) > 0.0
     ]
-    best, found = LEVEL / max(1, len(names)), ""
+    best, found = FALSE_ALARM_PROB / max(1, len(names)), ""
     for name in names:
         values = np.interp(channel.grid.even_s, data.time_s, data.variables[name])
         values -= values.mean()
-        moved = coefficients(np.cumsum(values) if stage == "flow" else values, channel.cut)
-        by_chance = by_chance_together(left, make_series_of(moved * whiten, channel.cut), best)
+        moved = calc_coefficients(np.cumsum(values) if stage == "flow" else values, channel.cut)
+        by_chance = calc_correlation_p(left, make_series(moved * whiten, channel.cut), best)
         if by_chance < best:
             best, found = by_chance, name
     return found
 
 
-def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> bool:
+def depends_on_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> bool:
     """Tell whether a drive's residual (banded coefficients (m,)) follows the moves of its command,
     at the significance level of the other checks.
 
@@ -229,19 +231,23 @@ def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunDa
     if drive.step <= 0.0 and not estimate_noise_ratio(noise, channel.prior, rest):
         return False
     whiten = 1.0 / np.sqrt(
-        calc_coefficient_strengths(noise, channel.prior, channel.cut, channel.grid.step_s)
+        calc_coefficient_variances(noise, channel.prior, channel.cut, channel.grid.step_s)
     )
     asked = np.interp(channel.grid.even_s, drive.time_s, drive.command)
     sums = [
         asked,
-        *(_delay_series(asked, 2**k) for k in range(LATEST) if 2 ** (k + 2) < len(asked)),
+        *(
+            _delay_series(asked, 2**k)
+            for k in range(MAX_DELAY_EXPONENT)
+            if 2 ** (k + 2) < len(asked)
+        ),
     ]
     # Sums of the moves between 2^k and 2^(k + 1) samples ago.
     answers = np.diff(np.array(sums), axis=0)
     columns = np.array(
-        [make_series_of(coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
+        [make_series(calc_coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
     )
-    return by_chance_taken(make_series_of(rest * whiten, channel.cut), columns) < LEVEL
+    return calc_fit_p(make_series(rest * whiten, channel.cut), columns) < FALSE_ALARM_PROB
 
 
 def _delay_series(series: Array, samples: int) -> Array:

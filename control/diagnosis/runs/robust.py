@@ -18,11 +18,11 @@ from topdress.control.diagnosis.judgement.evidence import (
     make_evidence_problem,
     subtract_columns,
 )
-from topdress.control.diagnosis.judgement.noise import coefficients, make_series_of
+from topdress.control.diagnosis.judgement.noise import calc_coefficients, make_series
 from topdress.control.machine.compiled import run_memory
 
 from .channels import ChannelSeries
-from .columns import Columns
+from .columns import HypothesisColumns
 from .hypothesis import Hypothesis
 from .stages import RunData
 
@@ -33,20 +33,20 @@ FREEDOM = 3.0
 # Median of the absolute value of t with three degrees of freedom.
 MEDIAN_TO_SCALE = 0.7649
 # Number of samples of the local median.
-LOCAL = 15
+MEDIAN_SAMPLES = 15
 # Number of samples of a slow wave: slower waves are not correlation of the fast noise.
-SLOW = 201
+SLOW_SAMPLES = 201
 # Minimum ratio of variances for tails to be treated.
-WORTH = 1.2
+MIN_VARIANCE_RATIO = 1.2
 # Minimum number of samples for an estimate of the tails.
 MIN_SAMPLES = 400
 
-# Deviation from which a lone reading is an outlier and is limited, s.d. (`draw_in_outliers`).
+# Deviation from which a lone reading is an outlier and is limited, s.d. (`limit_outliers`).
 OUTLIER_SD = 4.5
 # Share of OUTLIER_SD from which a neighbour shows that a reading is not alone.
-NEIGHBOUR = 0.7
+NEIGHBOUR_SHARE = 0.7
 # Time after a command in which a drive has answered, s.
-ANSWERED_S = 2.0
+ANSWER_TIME_S = 2.0
 
 
 def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
@@ -58,8 +58,8 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     nothing = np.zeros(len(left))
     if free.sum() < MIN_SAMPLES:
         return nothing
-    memory = _calc_neighbour_memory(left, free)
-    local = median_filter(left, LOCAL)
+    memory = _calc_neighbour_correlation(left, free)
+    local = median_filter(left, MEDIAN_SAMPLES)
     off = left - local
     fresh = off - memory * np.concatenate(([0.0], off[:-1]))
     scale = float(np.median(np.abs(fresh[free]))) / MEDIAN_TO_SCALE
@@ -71,14 +71,14 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     if slope <= 0.0:
         return nothing
     drawn_in = score / slope
-    if np.var(fresh[free]) < WORTH * np.var(drawn_in[free]):
+    if np.var(fresh[free]) < MIN_VARIANCE_RATIO * np.var(drawn_in[free]):
         return nothing
     return np.asarray(run_memory(memory, np.where(free, fresh - drawn_in, 0.0)))
 
 
-def _calc_neighbour_memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
+def _calc_neighbour_correlation(left: Array, free: npt.NDArray[np.bool_]) -> float:
     """Return the correlation of neighbouring samples, without slow waves and outliers."""
-    fast = left - uniform_filter1d(left, SLOW)
+    fast = left - uniform_filter1d(left, SLOW_SAMPLES)
     reach = 2.5 * 1.4826 * float(np.median(np.abs(fast[free])))
     calm = np.clip(fast, -reach, reach)
     both = free[1:] & free[:-1]
@@ -90,7 +90,7 @@ def _calc_neighbour_memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
     )
 
 
-def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
+def limit_outliers(columns: HypothesisColumns, parts: Hypothesis, more: Sequence[Column]) -> None:
     """Limit lone readings far off the richest fit; steady or repeated deviations are left
     unchanged.
 
@@ -98,17 +98,18 @@ def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]
     that they explain are no outliers.
     """
     model = columns.model
-    every = [*columns.of_hypothesis(parts), *more]
-    left = model.residual(parts)
+    every = [*columns.list_columns(parts), *more]
+    left = model.calc_residual(parts)
     data = {
-        c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels
+        c.name: calc_coefficients(left[c.name] + model.drawn_in[c.name], c.cut)
+        for c in model.channels
     }
-    sizes = make_evidence_problem(model.channels, data, every).sizes(
+    sizes = make_evidence_problem(model.channels, data, every).fit_sizes(
         np.arange(len(every)), model.noise
     )
     rest = subtract_columns(data, every, sizes.b)
     for channel in model.channels:
-        series = make_series_of(rest[channel.name], channel.cut)
+        series = make_series(rest[channel.name], channel.cut)
         model.drawn_in[channel.name] = _calc_excess(
             series, channel, _find_rest_samples(channel, model.data)
         )
@@ -129,7 +130,7 @@ def _find_lone_outliers(left: Array) -> Array:
     sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
     size = np.abs(left - np.median(left))
     neighbour = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
-    lone = (size > OUTLIER_SD * sd) & (neighbour < NEIGHBOUR * OUTLIER_SD * sd)
+    lone = (size > OUTLIER_SD * sd) & (neighbour < NEIGHBOUR_SHARE * OUTLIER_SD * sd)
     return np.where(lone, left - np.sign(left) * OUTLIER_SD * sd, 0.0)
 
 
@@ -142,7 +143,7 @@ def _find_rest_samples(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.
             ([-np.inf], drive.time_s[1:][np.diff(drive.command) != 0.0], [np.inf])
         )
         after = np.searchsorted(changes, channel.grid.even_s, side="right")
-        free &= (channel.grid.even_s - changes[after - 1] > ANSWERED_S) & (
+        free &= (channel.grid.even_s - changes[after - 1] > ANSWER_TIME_S) & (
             changes[np.minimum(after, len(changes) - 1)] - channel.grid.even_s > channel.grid.step_s
         )
     return free

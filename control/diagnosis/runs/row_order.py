@@ -27,7 +27,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, make_channels
 from .hypothesis import EffectInstance, Schedule, list_stages, make_schedule
-from .log import Clean
+from .log import CleanLog
 from .nominal_values import HALVINGS, MAX_OFFSET_SD
 from .stages import make_run_data
 
@@ -37,23 +37,23 @@ DRIVES = ("shaft", "gate")
 COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 ANSWERS = ("shaft_rpm", "opening_mm")
 # Minimum row distance, s, at which the shift of a drive that moves alone must come from its rows.
-ALONE_S = 0.5
+MIN_SINGLE_STEP_S = 0.5
 # Minimum gain of each drive in log-likelihood: a shift must be beyond doubt.
-LEAST_EVIDENCE = 30.0
+MIN_SHIFT_GAIN = 30.0
 # Minimum gain as a share of the loss by the opposite shift: the drives are then off by 3/4 of a row
 # at least.
-NEARER = 0.2
+MIN_GAIN_SHARE = 0.2
 # Median of the square of a standard normal variable.
-MEDIAN_OF_SQUARES = 0.4549
+NORMAL_SQUARE_MEDIAN = 0.4549
 # Number of rows that are examined, from the start: a logger does not change its row order.
-ROWS = 10_000
+MAX_EXAMINED_ROWS = 10_000
 # Multiple of the gate's slew rate that represents a move within a row.
-AT_ONCE = 100.0
+FAST_SLEW_RATIO = 100.0
 # Maximum residual in robust standard deviations: a single stop of a drive is no row order.
-FAR_SD = 6.0
+MAX_RESIDUAL_SD = 6.0
 
 
-class Settled(NamedTuple):
+class FittedDeadTime(NamedTuple):
     """A drive with its own fitted dead time: squared residuals (m,), log prior cost, and offset in
     standard deviations of the tolerance."""
 
@@ -62,7 +62,7 @@ class Settled(NamedTuple):
     by_sd: float
 
 
-class Move(NamedTuple):
+class ColumnShift(NamedTuple):
     """Shift of some columns by `rows` (positive: to later rows), and its description for the
     user."""
 
@@ -71,61 +71,62 @@ class Move(NamedTuple):
     said: str
 
 
-READ_LATE = Move(
+READ_LATE = ColumnShift(
     ANSWERS, -1, "shaft and opening are read a row late: their readings are moved a row up"
 )
-IN_ONE_ROW = Move(
+IN_ONE_ROW = ColumnShift(
     ANSWERS,
     1,
     "a row holds a command with what answered it: readings of shaft and opening are moved a "
     "row down",
 )
-IN_FORCE = Move(
+IN_FORCE = ColumnShift(
     COMMANDS,
     -1,
     "a row holds the command under which it was read, not the next one: commands are moved a "
     "row up",
 )
-COMMAND_LATE = Move(
+COMMAND_LATE = ColumnShift(
     COMMANDS, 1, "commands stand a row before they are given: they are moved a row down"
 )
 # The drives cannot distinguish the two shifts of a pair.
-LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)
-WAYS = (LATE, EARLY)
+LATE_SHIFTS, EARLY_SHIFTS = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)
+SHIFT_PAIRS = (LATE_SHIFTS, EARLY_SHIFTS)
 
 
-def order_log_rows(log: Clean, machine: Machine) -> Clean:
+def order_log_rows(log: CleanLog, machine: Machine) -> CleanLog:
     """Return the log with commands and answers in the rows of our convention, and a finding about
     the shift."""
-    return move_log_columns(log, find_row_order(log, machine))
+    return shift_log_columns(log, find_row_order(log, machine))
 
 
-def move_log_columns(log: Clean, move: Move | None) -> Clean:
+def shift_log_columns(log: CleanLog, move: ColumnShift | None) -> CleanLog:
     """Return a log with some columns shifted and a finding about the shift; unchanged for None."""
     return log if move is None else _shift_columns(log, move)
 
 
-def find_row_order(log: Clean, machine: Machine) -> Move | None:
+def find_row_order(log: CleanLog, machine: Machine) -> ColumnShift | None:
     """Return the shift that brings a log into our row order; None where no shift is needed."""
     some, nominal = _cut_beginning(log), make_schedule(list_stages(machine), ())
     seen = _make_order_channels(some, machine)
     as_it_is = _calc_order_residuals(seen, nominal)
-    tried = [_shift_columns(some, ways[0]) for ways in WAYS]
+    tried = [_shift_columns(some, ways[0]) for ways in SHIFT_PAIRS]
     left = [_calc_order_residuals(_make_order_channels(one, machine), nominal) for one in tried]
     by_way = [_calc_gain_by_drive(as_it_is, one) for one in left]
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
-    early, alone = WAYS[best] is EARLY, log.step_s >= ALONE_S
+    early, alone = SHIFT_PAIRS[best] is EARLY_SHIFTS, log.step_s >= MIN_SINGLE_STEP_S
     telling = [
         drive
         for drive in DRIVES
-        if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE
+        if max(abs(gains.get(drive, 0.0)) for gains in by_way) > MIN_SHIFT_GAIN
     ]
     if len(telling) < (1 if alone or early else 2):
         return None
     further = _calc_gain_by_drive(
         left[best],
         _calc_order_residuals(
-            _make_order_channels(_shift_columns(tried[best], WAYS[best][0]), machine), nominal
+            _make_order_channels(_shift_columns(tried[best], SHIFT_PAIRS[best][0]), machine),
+            nominal,
         ),
     )
     gain, opposite, more = (
@@ -133,7 +134,7 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
         for one in (by_way[best], by_way[1 - best], further)
     )
     # The remaining delay may be no longer, as it would be with a fault.
-    if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:
+    if gain < max(MIN_SHIFT_GAIN, -MIN_GAIN_SHARE * opposite) or more > 0.0:
         return None
     if not alone and not _beyond_tolerance(
         seen, _make_order_channels(tried[best], machine), early, machine
@@ -143,12 +144,12 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
         _calc_order_residuals(
             _make_order_channels(_shift_columns(some, way), machine), nominal, ("scale",)
         )
-        for way in WAYS[best]
+        for way in SHIFT_PAIRS[best]
     ]
     # Too early or too late a flow leaves a rough residual of the scale; a constant offset adds
     # nothing to its differences.
     rough = [float(np.mean(np.square(np.diff(one.get("scale", np.zeros(2)))))) for one in scales]
-    return WAYS[best][int(np.argmin(rough))]
+    return SHIFT_PAIRS[best][int(np.argmin(rough))]
 
 
 def _beyond_tolerance(
@@ -173,9 +174,9 @@ def _beyond_tolerance(
         for drive, one in now.items()
     }
     if early:
-        return sum(gains.values()) > LEAST_EVIDENCE
+        return sum(gains.values()) > MIN_SHIFT_GAIN
     return gains["shaft"] > -0.5 * MAX_OFFSET_SD**2 and gains["gate"] > max(
-        LEAST_EVIDENCE, _slow_gate_gain(by_itself[0]["gate"].squares, seen, machine)
+        MIN_SHIFT_GAIN, _slow_gate_gain(by_itself[0]["gate"].squares, seen, machine)
     )
 
 
@@ -184,21 +185,27 @@ def _drop_drive_lags(machine: Machine) -> Machine:
     return machine.model_copy(
         update={
             "shaft": machine.shaft._replace(time_constant_s=MIN_TIME_CONSTANT_S),
-            "gate": machine.gate._replace(slew_mm_s=AT_ONCE * machine.gate.slew_mm_s),
+            "gate": machine.gate._replace(slew_mm_s=FAST_SLEW_RATIO * machine.gate.slew_mm_s),
         }
     )
 
 
-def _settle_drives(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
+def _settle_drives(
+    seen: Mapping[str, ChannelSeries], machine: Machine
+) -> dict[str, FittedDeadTime]:
     """Fit the dead time of each drive within its tolerance."""
     return {drive: _climb_dead_time(seen, drive, machine) for drive in DRIVES if drive in seen}
 
 
-def _climb_dead_time(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) -> Settled:
-    def off(by_sd: float) -> Settled:
+def _climb_dead_time(
+    seen: Mapping[str, ChannelSeries], drive: str, machine: Machine
+) -> FittedDeadTime:
+    def off(by_sd: float) -> FittedDeadTime:
         dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
-        plan = make_schedule(list_stages(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
-        return Settled(
+        plan = make_schedule(
+            list_stages(machine).replace_fields(drive, dead_time_s=max(0.0, dead_time_s)), ()
+        )
+        return FittedDeadTime(
             np.square(_calc_order_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd
         )
 
@@ -215,17 +222,17 @@ def _climb_dead_time(seen: Mapping[str, ChannelSeries], drive: str, machine: Mac
     )
 
 
-def _cut_beginning(log: Clean) -> Clean:
+def _cut_beginning(log: CleanLog) -> CleanLog:
     return log._replace(
-        time_s=log.time_s[:ROWS],
-        events=log.events[:ROWS],
-        state=log.state[:ROWS],
-        columns={name: column[:ROWS] for name, column in log.columns.items()},
-        further={name: column[:ROWS] for name, column in log.further.items()},
+        time_s=log.time_s[:MAX_EXAMINED_ROWS],
+        events=log.events[:MAX_EXAMINED_ROWS],
+        state=log.state[:MAX_EXAMINED_ROWS],
+        columns={name: column[:MAX_EXAMINED_ROWS] for name, column in log.columns.items()},
+        further={name: column[:MAX_EXAMINED_ROWS] for name, column in log.further.items()},
     )
 
 
-def _shift_columns(log: Clean, move: Move) -> Clean:
+def _shift_columns(log: CleanLog, move: ColumnShift) -> CleanLog:
     columns = dict(log.columns)
     for name in move.columns:
         at = np.clip(np.arange(len(log.time_s)) - move.rows, 0, len(log.time_s) - 1)
@@ -233,7 +240,7 @@ def _shift_columns(log: Clean, move: Move) -> Clean:
     return log._replace(columns=columns, findings=(*log.findings, move.said))
 
 
-def _make_order_channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSeries]:
+def _make_order_channels(log: CleanLog, machine: Machine) -> Mapping[str, ChannelSeries]:
     return make_channels(make_run_data(log, machine), machine)
 
 
@@ -278,7 +285,9 @@ def _calc_likelihood_gain(before: Array, after: Array) -> float:
 
     A few rows may be valid in only one of them, so means are compared.
     """
-    far = FAR_SD**2 * float(min(np.median(before), np.median(after))) / MEDIAN_OF_SQUARES
+    far = (
+        MAX_RESIDUAL_SD**2 * float(min(np.median(before), np.median(after))) / NORMAL_SQUARE_MEDIAN
+    )
     if far <= 0.0:
         return 0.0
     was, now = (float(np.mean(np.minimum(squares, far))) for squares in (before, after))

@@ -10,18 +10,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import (
+    EFFECT_ROWS,
     FLOW_BLOCKED_OUTLET,
     FLOW_GAIN,
-    ROWS,
     FoundBy,
-    Needs,
+    LogRequirement,
     find_size_range,
 )
 from topdress.control.diagnosis.judgement.evidence import (
     Z90,
+    ColumnRole,
     Fit,
     Problem,
-    Role,
     adapt_noise,
     choose_better_fit,
     fit_amplitudes_and_noise,
@@ -29,7 +29,7 @@ from topdress.control.diagnosis.judgement.evidence import (
     limit_slow_noise,
     project_out_fixed,
 )
-from topdress.control.diagnosis.judgement.gaussian import Gaussian
+from topdress.control.diagnosis.judgement.gaussian import ColumnProducts
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import Noise
 from topdress.control.diagnosis.judgement.prior import find_size_log_weight, find_size_sd
@@ -37,8 +37,8 @@ from topdress.control.machine.effect import OPENING_RANGE
 from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale, scale_nominal
 
 from .channels import ChannelSeries
-from .columns import WRITTEN, Columns
-from .drives import read_off_zero
+from .columns import NOTED_REFILL, HypothesisColumns
+from .drives import measure_zero_offset
 from .hypothesis import EffectInstance, Hypothesis, replace_part
 from .model import GroupModel
 from .stages import RunData
@@ -50,25 +50,25 @@ MAX_COLLINEARITY = 0.999
 # Maximum number of rounds of a refit: the model is run, then sizes are fitted.
 MAX_ROUNDS = 4
 # A refit ends where no size changes by more than this, in standard deviations of the size.
-SETTLED_SD = 0.05
+MAX_SETTLED_SD = 0.05
 # Minimum gain in twice the log-likelihood for the noise to be fitted as well.
-FITTED_FROM = 4.0
+MIN_NOISE_FIT_GAIN = 4.0
 # Minimum range of the opening between 1st and 99th percentile, mm, for a gate's backlash and slew
 # rate, on the nominal machine.
-MOVES_MM = 2.0
+MIN_OPENING_RANGE_MM = 2.0
 # Maximum row distance, s, at which a missing pulse shows as a dip.
-DIPS_WITHIN_S = 0.5
+MAX_DIP_STEP_S = 0.5
 # First step of a line search, as a share of a log row.
-WALK_ROWS = 0.5
+FIRST_STEP_ROWS = 0.5
 # Last step of a line search, as a share of the size's standard deviation.
-WALK_TO = 0.5
+LAST_STEP_SD = 0.5
 # Last step as a share of the first, where the standard deviation is 0.
-SMALLEST_WALK = 1e-6
+LAST_STEP_SHARE = 1e-6
 # Number of trial thresholds over the range of commands.
-THRESHOLDS_TRIED = 16
+THRESHOLD_COUNT = 16
 # Drop of twice the log-likelihood at the ends of a 90 % interval (chi-square, one degree of
 # freedom).
-THRESHOLD_GAP = 2.7
+INTERVAL_DROP = 2.7
 
 
 class Candidate(NamedTuple):
@@ -108,7 +108,7 @@ class FittedHypothesis(NamedTuple):
     log_evidence: float = 0.0
 
 
-def log_likelihood(one: FittedHypothesis) -> float:
+def find_log_likelihood(one: FittedHypothesis) -> float:
     return one.log_likelihood
 
 
@@ -128,18 +128,18 @@ class Search:
     ) -> None:
         self.curves = curves
         self.model = GroupModel(channels, machine, data, ask)
-        self.columns = Columns(self.model)
+        self.columns = HypothesisColumns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
         every = list_candidates(self.model.names, machine, self.model.heads, refilled)
         self.candidates = [
-            c._replace(usual=ROWS[c.part.id].on(machine).usual)
+            c._replace(usual=EFFECT_ROWS[c.part.id].scale_to_machine(machine).usual)
             for c in every
             if is_excited(c, data, machine)
         ]
         # Thresholds that were searched for over the whole range.
         self._all_over: set[str] = set()
 
-    def scan(self, parts: Hypothesis, noise: dict[str, Noise]) -> list[ScoreTest]:
+    def scan_candidates(self, parts: Hypothesis, noise: dict[str, Noise]) -> list[ScoreTest]:
         """Test every candidate on top of a refitted hypothesis, and return the tests, best first,
         one for each effect and member.
 
@@ -149,11 +149,11 @@ class Search:
         tried = [
             c
             for c in self.candidates
-            if ROWS[c.part.id].found_by is not FoundBy.ONSET
+            if EFFECT_ROWS[c.part.id].found_by is not FoundBy.ONSET
             and not any(p.id == c.part.id and p.member == c.part.member for p in parts)
         ]
         p, before = self.columns.compress_hypothesis(
-            parts, [self.columns.of_candidate(parts, c.part) for c in tried]
+            parts, [self.columns.make_candidate_column(parts, c.part) for c in tried]
         )
         fixed = np.arange(before)
         null = choose_better_fit(p, fixed, noise, self.model.channels)
@@ -179,7 +179,7 @@ class Search:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.evidence)
 
-    def name_as_started(self, part: EffectInstance) -> EffectInstance:
+    def rename_started_effect(self, part: EffectInstance) -> EffectInstance:
         """Return the effect under the name that it has where it begins within a run.
 
         A sudden loss of flow is a blocked outlet where no drive shows its load. Where a drive does,
@@ -197,7 +197,9 @@ class Search:
             else part
         )
 
-    def refit(self, parts: Hypothesis, noise: dict[str, Noise] | None = None) -> FittedHypothesis:
+    def refit_hypothesis(
+        self, parts: Hypothesis, noise: dict[str, Noise] | None = None
+    ) -> FittedHypothesis:
         """Refit a hypothesis: rerun the model until the sizes converge, and return sizes, standard
         deviations and likelihood."""
         now, last, best = parts, noise or self.model.noise, None
@@ -216,10 +218,10 @@ class Search:
                 sd,
                 fit.log_likelihood,
                 fit.noise,
-                self._collinearity(p, fit.noise),
+                self._calc_collinearity(p, fit.noise),
                 self._calc_form_evidence(p, fit),
             )
-            if biggest < SETTLED_SD:
+            if biggest < MAX_SETTLED_SD:
                 best = best._replace(parts=moved)
                 break
             now = moved
@@ -229,11 +231,11 @@ class Search:
         assert best is not None
         return (
             self._move_threshold(best)
-            if any(ROWS[part.id].threshold for part in best.parts)
+            if any(EFFECT_ROWS[part.id].threshold for part in best.parts)
             else best
         )
 
-    def find_noise(self) -> None:
+    def fit_start_noise(self) -> None:
         """Fit the noise of the model without any fault, from which further fits start."""
         p, count = self.columns.compress_hypothesis(())
         self.model.noise = fit_first_noise(
@@ -243,7 +245,7 @@ class Search:
     def _calc_form_evidence(self, p: Problem, fit: Fit) -> float:
         """Return the log evidence of a hypothesis whose forms are, with equal odds, the catalogue's
         own or free."""
-        forms = p.places(Role.FORM)
+        forms = p.find_indices(ColumnRole.FORM)
         if not forms:
             return fit.log_evidence
         stand = np.flatnonzero(fit.amplitude == 0.0)
@@ -260,7 +262,7 @@ class Search:
         off = [
             k
             for k, label in enumerate(p.labels)
-            if label.name == WRITTEN and abs(fit.amplitude[k]) > p.sd[k]
+            if label.name == NOTED_REFILL and abs(fit.amplitude[k]) > p.sd[k]
         ]
         if off:
             sd = p.sd.copy()
@@ -268,7 +270,7 @@ class Search:
             p = p._replace(sd=sd, log_weight=float(np.sum(np.log(p.sd[off] / sd[off]))))
             fit = choose_better_fit(p, np.arange(count), fit.noise, self.model.channels)
         stand = []
-        for at in p.places(Role.SLOPE):
+        for at in p.find_indices(ColumnRole.SLOPE):
             part = parts[p.labels[at].part]
             low, high = find_size_range(part.id, self.model.machine)
             if (part.size <= low and fit.amplitude[at] < 0.0) or (
@@ -287,7 +289,7 @@ class Search:
         self, found: FittedHypothesis, p: Problem, fit: Fit
     ) -> FittedHypothesis:
         """Return the hypothesis with the likelihood of the sizes with which the model was run."""
-        held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
+        held = np.setdiff1d(np.arange(len(fit.amplitude)), p.find_indices(ColumnRole.SLOPE))
         there = choose_better_fit(p, held, found.noise, self.model.channels)
         lost = fit.log_likelihood - there.log_likelihood
         return found._replace(
@@ -296,15 +298,15 @@ class Search:
             log_evidence=found.log_evidence - lost,
         )
 
-    def _collinearity(self, p: Problem, noise: dict[str, Noise]) -> float:
+    def _calc_collinearity(self, p: Problem, noise: dict[str, Noise]) -> float:
         """Return the largest cosine between two effects' traces, orthogonal to the nuisances, with
         the catalogue's forms."""
-        places = p.places(Role.SLOPE)
+        places = p.find_indices(ColumnRole.SLOPE)
         if len(places) < 2:
             return 0.0
         part = (
             project_out_fixed(p, np.arange(p.labels.index(p.labels[places[0]])), noise)
-            .of(np.array(places))
+            .select_columns(np.array(places))
             .A
         )
         scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
@@ -316,9 +318,9 @@ class Search:
 
         A threshold acts on the given commands, so all values between two commands fit equally well.
         """
-        k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
+        k = next(k for k, part in enumerate(found.parts) if EFFECT_ROWS[part.id].threshold)
         part = found.parts[k]
-        edges = self._commands_between(*find_size_range(part.id, self.model.machine))
+        edges = self._list_commands_between(*find_size_range(part.id, self.model.machine))
         tried: dict[int, FittedHypothesis] = {}
 
         def value(place: int) -> float:
@@ -334,9 +336,9 @@ class Search:
         # A plateau has no slope, so the whole range is searched once.
         if course not in self._all_over:
             self._all_over.add(course)
-            places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
+            places = np.unique(np.linspace(0, last, THRESHOLD_COUNT).astype(int)).tolist()
             here = max([here, *places, self._find_standing_edge(edges, part.onset_s)], key=value)
-            first = max(1, last // THRESHOLDS_TRIED)
+            first = max(1, last // THRESHOLD_COUNT)
         here = climb_to_best(
             here,
             value,
@@ -345,7 +347,7 @@ class Search:
             ],
             [first >> halvings for halvings in range(first.bit_length())],
         )
-        as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
+        as_good = [place for place in tried if value(place) > value(here) - 0.5 * INTERVAL_DROP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
         lowest, highest = find_size_range(part.id, self.model.machine)
@@ -357,7 +359,7 @@ class Search:
             sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1 :]),
         )
 
-    def walk_delays(self, found: FittedHypothesis) -> FittedHypothesis:
+    def refine_delays(self, found: FittedHypothesis) -> FittedHypothesis:
         """Move each delay of a hypothesis in decreasing steps to its best fit.
 
         A drive's answers fall between two rows of the log. Where all answers pass a row at the same
@@ -365,7 +367,7 @@ class Search:
         """
         best = found
         for k, part in enumerate(found.parts):
-            if not ROWS[part.id].trial_sizes or ROWS[part.id].threshold:
+            if not EFFECT_ROWS[part.id].trial_sizes or EFFECT_ROWS[part.id].threshold:
                 continue
             low, high = find_size_range(part.id, self.model.machine)
 
@@ -375,12 +377,15 @@ class Search:
                 for size in (now.parts[k].size - step, now.parts[k].size + step):
                     yield self._fit_at_size(now, k, float(np.clip(size, low, high)))
 
-            first = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
+            first = (
+                FIRST_STEP_ROWS
+                * self.model.find_channel(EFFECT_ROWS[part.id].channels[0]).grid.step_s
+            )
             halvings = int(
-                np.ceil(np.log2(first / max(WALK_TO * best.sd[k], SMALLEST_WALK * first)))
+                np.ceil(np.log2(first / max(LAST_STEP_SD * best.sd[k], LAST_STEP_SHARE * first)))
             )
             best = climb_to_best(
-                best, log_likelihood, near, [first * 0.5**k for k in range(halvings)]
+                best, find_log_likelihood, near, [first * 0.5**k for k in range(halvings)]
             )
         return best
 
@@ -402,7 +407,7 @@ class Search:
 
         A threshold halfway between two commands would be off by their distance.
         """
-        channel, asked = self.model.channel("shaft"), self.model.predicted(())["shaft"]
+        channel, asked = self.model.find_channel("shaft"), self.model.predict(())["shaft"]
         there = np.flatnonzero(channel.grid.even_s >= (-np.inf if from_s is None else from_s))
         order = there[np.argsort(asked[there])]
         turned = (channel.measured - asked)[order] ** 2
@@ -411,7 +416,7 @@ class Search:
         at = np.searchsorted(asked[order], edges, side="right") - 1
         return int(np.clip(np.argmax(np.where(at >= 0, gained[at], 0.0)), 0, len(edges) - 2))
 
-    def _commands_between(self, low: float, high: float) -> Array:
+    def _list_commands_between(self, low: float, high: float) -> Array:
         """Return the commanded shaft speeds between two bounds, and the bounds. A quantised reading
         below the first step is zero."""
         shaft = self.model.data.shaft
@@ -435,7 +440,7 @@ def list_candidates(
     effects are not included."""
     found: list[Candidate] = []
     for effect_id, entry in CATALOGUE.items():
-        row = ROWS[effect_id].on(machine)
+        row = EFFECT_ROWS[effect_id].scale_to_machine(machine)
         if not any(
             kind.startswith("run") and kind != "run with revisited ground"
             for kind in entry.effect.seen_in
@@ -449,7 +454,7 @@ def list_candidates(
             channel_names
         ):
             continue
-        if Needs.REFILL in row.needs and not refilled:
+        if LogRequirement.REFILL in row.needs and not refilled:
             continue
         low, high = find_size_range(effect_id, machine)
         probe = (
@@ -480,33 +485,37 @@ def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     Missing pulses appear as dips in a fine log (`intermittent`); only in a coarse log is their mean
     the only sign.
     """
-    row = ROWS[candidate.part.id]
-    if Needs.OPEN_LOOP in row.needs and machine.shaft.regulated > 0.0:
+    row = EFFECT_ROWS[candidate.part.id]
+    if LogRequirement.OPEN_LOOP in row.needs and machine.shaft.regulated > 0.0:
         return False
-    if Needs.BOTH_WAYS in row.needs and (
+    if LogRequirement.BOTH_WAYS in row.needs and (
         data.shaft is None or not data.shaft.command.min() < 0.0 < data.shaft.command.max()
     ):
         return False
-    if Needs.OFF_ZERO in row.needs and not read_off_zero(data.shaft, machine).off:
+    if LogRequirement.OFF_ZERO in row.needs and not measure_zero_offset(data.shaft, machine).off:
         return False
     if row.found_by is FoundBy.DIPS and data.speed is not None:
-        return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
-    if Needs.FINE_READINGS in row.needs and data.shaft is not None and data.shaft.step > 0.0:
+        return float(np.median(np.diff(data.speed.time_s))) > MAX_DIP_STEP_S
+    if (
+        LogRequirement.FINE_READINGS in row.needs
+        and data.shaft is not None
+        and data.shaft.step > 0.0
+    ):
         return False
     drive = {"shaft": data.shaft, "gate": data.gate}.get(row.stage)
     if row.move_shaped and drive is not None and not drive.moves_seen:
         return False
     opening = data.variables.get("opening_mm")
     if opening is None:
-        return Needs.OPENING not in row.needs
-    return Needs.OPENINGS not in row.needs or bool(
+        return LogRequirement.OPENING not in row.needs
+    return LogRequirement.OPENINGS not in row.needs or bool(
         np.ptp(np.percentile(opening, (1.0, 99.0)))
-        >= scale_nominal(machine, OPENING_RANGE) * MOVES_MM
+        >= scale_nominal(machine, OPENING_RANGE) * MIN_OPENING_RANGE_MM
     )
 
 
 def _score_added_column(
-    p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], left: Gaussian
+    p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], left: ColumnProducts
 ) -> ScoreTest:
     """Test one candidate column together with the fixed columns, with the noise fitted from `start`
     where the gain may matter."""
@@ -514,14 +523,14 @@ def _score_added_column(
     if stiff <= 0.0:
         return ScoreTest(c.part, -np.inf, -np.inf)
     # The trace of a threshold effect is not proportional to its size.
-    whole = ROWS[c.part.id].threshold
+    whole = EFFECT_ROWS[c.part.id].threshold
     size = c.part.size if whole else float(np.clip(right / stiff, c.low, c.high))
     gain = 2.0 * right * size - stiff * size * size
     sd = p.sd.copy()
     sd[at] = find_size_sd(size, p.sd[at])
     spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - find_size_log_weight(size, p.sd[at])
     p = p._replace(sd=sd)
-    if gain > FITTED_FROM and not whole:
+    if gain > MIN_NOISE_FIT_GAIN and not whole:
         full = fit_amplitudes_and_noise(p, np.append(np.arange(before), at), start)
         size = float(np.clip(full.amplitude[-1], c.low, c.high))
         gain = (
@@ -540,7 +549,7 @@ def _step_hypothesis(
     """Return the hypothesis with fitted sizes, the standard deviation of each, and the largest step
     in its own standard deviation."""
     moved, sd, biggest = list(parts), [0.0] * len(parts), 0.0
-    for at in p.places(Role.SLOPE):
+    for at in p.find_indices(ColumnRole.SLOPE):
         k = p.labels[at].part
         sd[k] = float(np.sqrt(fit.covariance[at, at]))
         low, high = find_size_range(parts[k].id, machine)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 from topdress.control.diagnosis.dataframe_input import load_machine, read_columns
 from topdress.control.diagnosis.extend import extend
-from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.checks import FALSE_ALARM_PROB
 from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.result import Diagnosis, Size
 from topdress.control.log_row import COMMANDS_HELD, FILE_BEGINS
@@ -25,17 +25,17 @@ from topdress.control.machine.machine import Machine
 
 from .adoption import select_adoptable
 from .diagnose import Each, diagnose_run
-from .drives import SETTLE_S, SETTLES
+from .drives import SETTLE_S, START_SETTLE_TAUS
 
 Columns = dict[str, npt.NDArray[Any]]
 
 # Gap between consecutive logs, s, as `import` joins runs.
-GAP_S = 60.0
+LOG_GAP_S = 60.0
 # Readings that are not judged while a drive settles to the first command of a log.
-READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")
+SETTLING_COLUMNS = ("shaft_rpm", "opening_mm", "hopper_kg")
 
 
-class OfAKind(NamedTuple):
+class SharedEffect(NamedTuple):
     """An effect of every log. sizes : size in each log, in order. p : p value of equal sizes."""
 
     id: str
@@ -44,7 +44,7 @@ class OfAKind(NamedTuple):
     p: float
 
 
-class Several(NamedTuple):
+class JointDiagnosis(NamedTuple):
     """Result of several logs. together : diagnosis of all logs as one, against the given machine
     file. machine : that file with the common effects that predict better (`adoption`). each :
     diagnosis of every log against `machine`, so only its own errors remain.
@@ -56,7 +56,7 @@ class Several(NamedTuple):
     together: Diagnosis
     machine: Machine
     each: tuple[Diagnosis, ...]
-    of_a_kind: tuple[OfAKind, ...] = ()
+    of_a_kind: tuple[SharedEffect, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the joint diagnosis for JSON; `logs` holds the additional errors of each log,
@@ -78,7 +78,7 @@ def diagnose_runs(
     paths: Sequence[str] = (),
     progress: Callable[[float, str], None] | None = None,
     each: Each = map,
-) -> Several:
+) -> JointDiagnosis:
     """Diagnose several logs of one machine: name common errors once, and report the own errors of
     each log.
 
@@ -156,14 +156,14 @@ def diagnose_runs(
     alone = against(known, 1)
     if any(one.causes for one in alone):
         whole = against(of, 1 + len(given))
-        if kinds := find_sizes_of_a_kind(whole, alone):
-            return Several(together, of, whole, kinds)
-    return Several(together, known, alone)
+        if kinds := find_shared_effects(whole, alone):
+            return JointDiagnosis(together, of, whole, kinds)
+    return JointDiagnosis(together, known, alone)
 
 
-def find_sizes_of_a_kind(
+def find_shared_effects(
     each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]
-) -> tuple[OfAKind, ...]:
+) -> tuple[SharedEffect, ...]:
     """Return the permanent effects of every log, where the size of at least one differs between
     logs so that a log shows it beyond the common size; else none."""
     left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
@@ -181,9 +181,11 @@ def find_sizes_of_a_kind(
     for key in steady[0]:
         if all(key in one for one in steady):
             sizes = tuple(one[key].size for one in steady)
-            found.append(OfAKind(*key, sizes, _calc_cochran_p(sizes)))
+            found.append(SharedEffect(*key, sizes, _calc_cochran_p(sizes)))
     return (
-        tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
+        tuple(found)
+        if any(one.p < FALSE_ALARM_PROB and (one.id, one.member) in left for one in found)
+        else ()
     )
 
 
@@ -218,7 +220,9 @@ def join_logs(
             "does not: "
             "allowed logs of one kind together"
         )
-    settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+    settle_s = min(
+        SETTLE_S, START_SETTLE_TAUS * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
+    )
     kinds = {
         name: np.asarray(values).dtype.kind
         for log in reversed(logs)
@@ -234,7 +238,7 @@ def join_logs(
             parts[name].append(_join_column(log, name, kind, since, settle_s if number else 0.0))
         parts["time_s"][-1] = begin_s + since
         parts["events"][-1] = _mark_start_event(parts["events"][-1], since, names[number])
-        begin_s += float(np.nanmax(since)) + GAP_S
+        begin_s += float(np.nanmax(since)) + LOG_GAP_S
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}
 
 
@@ -250,7 +254,7 @@ def _join_column(
     values = np.asarray(log[name])
     return (
         np.where(since < settle_s, np.nan, values)
-        if name in READINGS and settle_s > 0.0
+        if name in SETTLING_COLUMNS and settle_s > 0.0
         else values
     )
 

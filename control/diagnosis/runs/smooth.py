@@ -23,11 +23,11 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 # Number of nodes of a table.
-NODES = 8
+NODE_COUNT = 8
 # Number of half-waves over the range of the variable: slope, curvature, and two finer shapes.
-SHAPES = 4
-# Minimum range of a variable for a dependence to show; for the variables in RANGES on the nominal
-# machine.
+SHAPE_COUNT = 4
+# Minimum range of a variable for a dependence to show; for the variables in NOMINAL_RANGES on the
+# nominal machine.
 MIN_RANGE = {
     "time_s": 60.0,
     "shaft_rpm": 2.0,
@@ -39,13 +39,17 @@ MIN_RANGE = {
     "hopper_kg": 10.0,
     "heading_deg": 30.0,
 }
-RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER_CAPACITY}
+NOMINAL_RANGES = {
+    "shaft_rpm": SHAFT_RANGE,
+    "opening_mm": OPENING_RANGE,
+    "hopper_kg": HOPPER_CAPACITY,
+}
 
 # Recorded variables that depend on a stage's own reading, so that the reading's noise would return
 # through them. Control sets shaft and gate by the measured speed, and by the scale through the flow
 # trim; shaft_rpm and opening_mm are commands here (drives see them before they answer). A gate does
 # not depend on the shaft; the shaft bears the load of the opening.
-DOWNSTREAM: dict[str, frozenset[str]] = {
+DOWNSTREAM_VARIABLES: dict[str, frozenset[str]] = {
     "shaft": frozenset(),
     "gate": frozenset({"shaft_rpm"}),
     "flow": frozenset(),
@@ -58,7 +62,7 @@ DOWNSTREAM: dict[str, frozenset[str]] = {
 }
 
 
-def variables_of(data: RunData) -> tuple[str, ...]:
+def list_stage_variables(data: RunData) -> tuple[str, ...]:
     """Return the variables on which a stage may depend: the published variables, and the log's
     further columns."""
     return (*MIN_RANGE, *(name for name in data.variables if name not in MIN_RANGE))
@@ -72,7 +76,7 @@ class StageTable(NamedTuple):
     unit: EffectInstance
 
 
-TABLES: dict[str, StageTable] = {
+STAGE_TABLES: dict[str, StageTable] = {
     "shaft": StageTable("shaft", EffectInstance(effects.SHAFT_GAIN.id, 1.0)),
     "gate": StageTable("gate", EffectInstance(effects.GATE_HOME_ERROR.id, 1.0)),
     "flow": StageTable("scale", EffectInstance(effects.FLOW_GAIN.id, 1.0)),
@@ -81,31 +85,31 @@ TABLES: dict[str, StageTable] = {
 }
 
 
-class Span(NamedTuple):
+class VariableSpan(NamedTuple):
     """Nodes of a table over the excited range of a variable."""
 
     variable: str
     nodes: Table
 
 
-def find_variable_span(data: RunData, variable: str, machine: Machine) -> Span | None:
+def find_variable_span(data: RunData, variable: str, machine: Machine) -> VariableSpan | None:
     """Return eight evenly spaced nodes between the variable's 1st and 99th percentile; None where
     its range is too small."""
     values = data.variables.get(variable)
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    least = scale_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(
+    least = scale_nominal(machine, NOMINAL_RANGES.get(variable, ())) * MIN_RANGE.get(
         variable, float(np.finfo(float).tiny)
     )
     if not high - low >= least:
         return None
-    return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
+    return VariableSpan(variable, tuple(np.linspace(low, high, NODE_COUNT).tolist()))
 
 
 def make_half_wave(k: int) -> Table:
     """Return the k-th half-wave at the nodes, k from 1."""
-    return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())
+    return tuple(np.cos(np.pi * k * (np.arange(NODE_COUNT) + 0.5) / NODE_COUNT).tolist())
 
 
 def interpolate_variable(data: RunData, variable: str, time_s: Array) -> Array:
@@ -125,7 +129,7 @@ def calc_flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Ar
 
 def list_shape_series(
     stage: str,
-    over: Span,
+    over: VariableSpan,
     channel: ChannelSeries,
     unit: Array,
     *,
@@ -146,11 +150,11 @@ def list_shape_series(
             calc_flow_change(
                 data.hopper, machine, base, run_table(over.nodes, make_half_wave(k), values)
             )
-            for k in range(1, SHAPES + 1)
+            for k in range(1, SHAPE_COUNT + 1)
         ]
         return np.array(rows)
     values = interpolate_variable(data, over.variable, channel.grid.even_s) if own is None else own
     shaped = np.array(
-        [np.interp(values, over.nodes, make_half_wave(k)) for k in range(1, SHAPES + 1)]
+        [np.interp(values, over.nodes, make_half_wave(k)) for k in range(1, SHAPE_COUNT + 1)]
     )
     return shaped if stage == "scale" else shaped * unit

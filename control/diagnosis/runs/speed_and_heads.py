@@ -22,24 +22,24 @@ Array = npt.NDArray[np.float64]
 # stops and reaches a constant speed.
 SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))
 # Correlation time of a receiver's or a wheel's noise, s.
-FORGOTTEN_S = 0.5
+NOISE_MEMORY_S = 0.5
 # Minimum number of readings to separate the noise of two sensors: variances to 7 %.
-MIN_READINGS_OF_TWO = 400
+MIN_PAIRED_READINGS = 400
 # Minimum number of frequencies of an octave; lower frequencies join the first octave that has
 # enough.
-FEWEST_OF_OCTAVE = 8
+MIN_OCTAVE_FREQUENCIES = 8
 # Minimum noise share of a sensor's power: a share of 0 would trust this sensor alone.
-LEAST_OWN = 0.01
+MIN_NOISE_SHARE = 0.01
 # Length of a gap that stands for left-out rows, s: filters of receivers and wheels forget within
 # it, and braking before a stop does not continue after it.
-FORGETS_S = 1.0
+FILTER_MEMORY_S = 1.0
 # Minimum share of moving rows; with fewer, the standing rows are examined as well.
-MOVES_SHARE = 0.2
+MIN_MOVING_SHARE = 0.2
 # Share of new readings above which a sensor is as fast as the log, so that repetitions are by
 # chance.
-FRESH_SHARE = 0.7
+MIN_FRESH_SHARE = 0.7
 # Minimum share of rows with a reading: with fewer, the head is absent.
-HEAD_THERE = 0.2
+MIN_HEAD_SHARE = 0.2
 
 
 class TwoSpeeds(NamedTuple):
@@ -70,7 +70,9 @@ class HeadContrasts(NamedTuple):
     grid: Grid
 
 
-def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> TwoSpeeds | None:
+def read_both_speeds(
+    every: LogRows, gnss: Array, wheel: Array, machine: Machine
+) -> TwoSpeeds | None:
     """Return both speeds where they have new readings; None where they hardly have any.
 
     The mean weighted with the precision of both sensors has noise that is uncorrelated with the
@@ -91,7 +93,7 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
     both = _weight_octaves(gnss[rows], wheel_there / ratio, machine)
     longest = len(both) - 1 + len(both) % 2
     windows = [min(longest, 2 * int(0.5 * one / step) + 1) for one in SPEED_WINDOWS_S]
-    alike, ends = int(FORGOTTEN_S / step), min(windows[-1] // 2, len(both) // 4)
+    alike, ends = int(NOISE_MEMORY_S / step), min(windows[-1] // 2, len(both) // 4)
     smooth = (
         both
         if windows[0] <= 3
@@ -100,8 +102,8 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
         )
     )
     moving = smooth > MOVING_MPS
-    looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
-    grid = make_grid(at, looked, step, seam_s=FORGETS_S)
+    looked = moving if moving.sum() > MIN_MOVING_SHARE * len(at) else np.ones(len(at), bool)
+    grid = make_grid(at, looked, step, seam_s=FILTER_MEMORY_S)
     more = every.more.get("wheel_percent")
     return TwoSpeeds(
         at,
@@ -124,15 +126,15 @@ def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
     delay between them.
     """
     spectra = np.fft.rfft([gnss - gnss.mean(), wheel - wheel.mean()])
-    octave = np.floor(np.log2(np.maximum(FEWEST_OF_OCTAVE, np.arange(spectra.shape[1])))).astype(
-        int
-    )
+    octave = np.floor(
+        np.log2(np.maximum(MIN_OCTAVE_FREQUENCIES, np.arange(spectra.shape[1])))
+    ).astype(int)
     own = np.array([[machine.noise.gnss_mps], [machine.noise.wheel_mps]]) ** 2 + 0.0 * octave
-    if len(gnss) >= MIN_READINGS_OF_TWO:
+    if len(gnss) >= MIN_PAIRED_READINGS:
         power = np.array([np.bincount(octave, one) for one in np.abs(spectra) ** 2])
         product = spectra[0] * spectra[1].conj()
         shared = np.hypot(np.bincount(octave, product.real), np.bincount(octave, product.imag))
-        own = np.maximum(power - shared, LEAST_OWN * power)[:, octave]
+        own = np.maximum(power - shared, MIN_NOISE_SHARE * power)[:, octave]
     trust = (own[0] + 1e-12) / (own.sum(axis=0) + 2e-12)
     return np.asarray(gnss + np.fft.irfft(trust * np.fft.rfft(wheel - gnss), len(gnss)))
 
@@ -177,7 +179,7 @@ def _find_fresh_rows(series: Array) -> npt.NDArray[np.bool_]:
     readings."""
     changed = np.concatenate(([True], series[1:] != series[:-1]))
     known = np.isfinite(series)
-    return changed if changed[known].mean() < FRESH_SHARE else np.ones(len(series), bool)
+    return changed if changed[known].mean() < MIN_FRESH_SHARE else np.ones(len(series), bool)
 
 
 def find_moving_rows(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
@@ -192,7 +194,7 @@ def read_heads_channel(
 ) -> HeadContrasts | None:
     """Return the heads while the machine moves: at a standstill each head sees its own piece of
     canopy, which is no property of the head."""
-    there = np.isfinite(ndvi).mean(axis=1) > HEAD_THERE
+    there = np.isfinite(ndvi).mean(axis=1) > MIN_HEAD_SHARE
     ndvi = np.where(there[:, None], ndvi, np.nan)
     some = ndvi[there]
     known = np.isfinite(some).all(axis=0)

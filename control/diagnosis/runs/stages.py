@@ -15,15 +15,15 @@ from topdress.control.machine.term_sums import sum_over_log
 from .drives import Drive, read_drives
 from .effort import DriveEffort, read_efforts
 from .grid import bridge_gaps, select_known_rows, smooth_series
-from .hopper import Hopper, read_hopper, refills_written
-from .inputs import make_log_rows, make_term_inputs, variables_of
-from .log import HEADS, Clean
+from .hopper import Hopper, list_noted_refills, read_hopper
+from .inputs import list_variables, make_log_rows, make_term_inputs
+from .log import HEAD_COLUMNS, CleanLog
 from .speed_and_heads import (
     HeadContrasts,
     TwoSpeeds,
     find_moving_rows,
+    read_both_speeds,
     read_heads_channel,
-    read_speeds,
 )
 
 Array = npt.NDArray[np.float64]
@@ -51,13 +51,13 @@ class RunData(NamedTuple):
     row_s: Array = np.empty(0)
 
 
-def make_run_data(log: Clean, machine: Machine) -> RunData:
+def make_run_data(log: CleanLog, machine: Machine) -> RunData:
     """Build the channels of a cleaned log; None for each that the log cannot show."""
     every, c = make_log_rows(log, machine), log.columns
     time = every.time_s
     inputs = make_term_inputs(log, every, machine)
     every = every._replace(more=sum_over_log(machine.terms, inputs, time, run_term))
-    variables = variables_of(log, every)
+    variables = list_variables(log, every)
     hopper = speed = heads = None
     driven = read_drives(log, every, machine, whole=False)
     further = {
@@ -65,15 +65,15 @@ def make_run_data(log: Clean, machine: Machine) -> RunData:
         for name, series in log.further.items()
     }
     if "flow" in log.stages:
-        hopper = read_hopper(every, c["hopper_kg"], refills_written(time, log.events), machine)
+        hopper = read_hopper(every, c["hopper_kg"], list_noted_refills(time, log.events), machine)
     if "speed" in log.stages:
-        speed = read_speeds(every, c["speed_mps"], c["wheel_speed_mps"], machine)
+        speed = read_both_speeds(every, c["speed_mps"], c["wheel_speed_mps"], machine)
         if speed is not None:
             variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = read_heads_channel(
             time,
-            np.array([c[name] for name in HEADS]),
+            np.array([c[name] for name in HEAD_COLUMNS]),
             find_moving_rows(c["speed_mps"], c["wheel_speed_mps"]),
         )
     rows = select_known_rows(len(time))

@@ -21,10 +21,10 @@ from topdress.control.diagnosis.judgement import prior
 from topdress.control.diagnosis.judgement.evidence import (
     Z90,
     Column,
+    ColumnLabel,
+    ColumnRole,
     Fit,
-    Label,
     Problem,
-    Role,
     choose_better_fit,
     find_residual_power,
     fit_amplitudes_and_noise,
@@ -32,7 +32,7 @@ from topdress.control.diagnosis.judgement.evidence import (
     make_evidence_problem,
 )
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients, make_series_of
+from topdress.control.diagnosis.judgement.noise import Noise, calc_coefficients, make_series
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import TriedForm
 from topdress.control.machine.forms import SPAN_PLACES, LostConstantForm, PeriodicForm, SpanForm
@@ -46,15 +46,22 @@ from topdress.control.machine.terms import (
     name_own_command,
 )
 
-from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan_dictionary
+from .dictionary import (
+    CHANNEL_OF,
+    FormCandidate,
+    FormDictionary,
+    FormVariables,
+    TargetResponse,
+    scan_dictionary,
+)
 from .held_out import fit_amplitudes, hold_out_blocks, list_held_out_errors
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
 from .stages import RunData
-from .whitened import WhitenedResidual, find_even_gain
+from .whitened import WhitenedResidual, calc_block_gain
 
 Array = npt.NDArray[np.float64]
-Eight = tuple[float, float, float, float, float, float, float, float]
+EightValues = tuple[float, float, float, float, float, float, float, float]
 
 # Maximum number of terms of one group of channels.
 MAX_TERMS = 2
@@ -62,31 +69,31 @@ MAX_TERMS = 2
 # forms.
 MIN_SCORE = 6.0
 # Number of best forms of a scan whose noise is refitted too.
-VERIFIED = 4
+VERIFIED_COUNT = 4
 # Number of best forms over a term's variable that are refitted under the noise with the term.
-FORMS_AGAIN = 3
+RETRIED_FORM_COUNT = 3
 # Step sizes of the shape search, as shares of the first: the last two for a discontinuous form.
-FINENESS = (1.0, 0.5, 0.25, 0.12, 0.06)
+SHAPE_STEP_SHARES = (1.0, 0.5, 0.25, 0.12, 0.06)
 # Share of the fast noise that represents a negligible drift.
-STILL = 0.01
+NEGLIGIBLE_SHARE = 0.01
 # Minimum distance of two knots of a form, as a share of the variable's spread.
-NARROWEST = 1e-3
+MIN_KNOT_DISTANCE = 1e-3
 # Maximum length of a term's id, letters; the rest is for a number where the name is already
 # adopted.
-LONGEST_ID = 76
+MAX_ID_LETTERS = 76
 # Minimum distance of a level from zero, in standard deviations, for the level to belong to the
 # machine.
-LEVEL_SD = 2.0
+MIN_LEVEL_SD = 2.0
 # Minimum level as a share of its form's change: no form is exactly right.
-LEVEL_SHARE = 0.05
+MIN_LEVEL_SHARE = 0.05
 # Correlation with a named effect's size above which a level belongs to that effect.
-A_NAME = 0.97
+MAX_NAME_CORRELATION = 0.97
 # Cosine between the column of a tolerance and a level above which they are interchangeable.
-A_LEVEL = 0.7
+MIN_LEVEL_COSINE = 0.7
 # Number of classes of a variable for the means in a picture.
-CLASSES = 12
+CLASS_COUNT = 12
 # Number of points of a term's curve.
-NODES = 8
+NODE_COUNT = 8
 
 
 class FittedTerm(NamedTuple):
@@ -123,29 +130,29 @@ class FittedTerm(NamedTuple):
         return len(self.columns) - len(self.tried.columns)
 
 
-class TriedOn:
+class TermContext:
     """Context in which a term is tried: a hypothesis and the terms before. base : columns of both;
     noise : noise under both."""
 
     def __init__(
         self,
         search: Search,
-        dictionary: Dictionary,
+        dictionary: FormDictionary,
         now: FittedHypothesis,
         terms: Sequence[FittedTerm] = (),
     ) -> None:
         self.search, self.dictionary, self.now = search, dictionary, now
         self.channels, self.data = search.model.channels, search.model.data
         self.held = [column for one in terms for column in one.columns]
-        self.base = [*search.columns.of_hypothesis(now.parts), *self.held]
+        self.base = [*search.columns.list_columns(now.parts), *self.held]
         self.noise = terms[-1].noise if terms else now.noise
         self.calm = limit_slow_noise(self.noise, self.channels)
-        self._banded = search.model.banded_residual(now.parts)
+        self._banded = search.model.calc_banded_residual(now.parts)
 
     def whitened(self, noise: dict[str, Noise]) -> WhitenedResidual:
         return WhitenedResidual(self.channels, self._banded, self.base, noise)
 
-    def problem(self, columns: Sequence[Column]) -> Problem:
+    def make_problem(self, columns: Sequence[Column]) -> Problem:
         """Return the regression problem with further columns after those of the base."""
         self.search.model.ask()
         return make_evidence_problem(self.channels, self._banded, [*self.base, *columns])
@@ -153,7 +160,7 @@ class TriedOn:
 
 def find_terms(
     search: Search,
-    dictionary: Dictionary,
+    dictionary: FormDictionary,
     now: FittedHypothesis,
     not_over: frozenset[str] = frozenset(),
 ) -> list[FittedTerm]:
@@ -164,22 +171,22 @@ def find_terms(
     """
     terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
-        best = _find_best_term(TriedOn(search, dictionary, now, terms), not_over)
+        best = _find_best_term(TermContext(search, dictionary, now, terms), not_over)
         if best is None:
             break
         terms.append(best)
-    return _refit_jointly(TriedOn(search, dictionary, now), terms) if len(terms) > 1 else terms
+    return _refit_jointly(TermContext(search, dictionary, now), terms) if len(terms) > 1 else terms
 
 
 def find_best_span(
-    search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance
+    search: Search, dictionary: FormDictionary, now: FittedHypothesis, part: EffectInstance
 ) -> FittedTerm | None:
     """Return the best constant, of any quantity, that lasts as long as an effect, on top of a
     hypothesis; None where no quantity is searched over time.
 
     The constant represents an unknown cause in the effect's place.
     """
-    given = TriedOn(search, dictionary, now)
+    given = TermContext(search, dictionary, now)
     shape = {
         "low_end": part.onset_s or 0.0,
         "high_end": np.inf if part.until_s is None else part.until_s,
@@ -199,7 +206,7 @@ def find_best_span(
     return max(found, key=lambda one: one.worth, default=None)
 
 
-def _find_best_term(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
+def _find_best_term(given: TermContext, not_over: frozenset[str]) -> FittedTerm | None:
     """Return the most likely term; None where its absence is more likely."""
     verified = [
         _verify_term(given, candidate, given.noise)
@@ -207,13 +214,13 @@ def _find_best_term(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | No
         if not set(candidate.tried.over) <= not_over or candidate.tried.kind is LostConstantForm
     ]
     best = max(verified, key=lambda one: one.worth, default=None)
-    if best is None or best.worth <= prior.SAID:
+    if best is None or best.worth <= prior.MIN_REPORT_LOG_ODDS:
         return None
-    best = _choose_form_again(given, best)
-    return best._replace(held_out=_held_out_gain(given, best))
+    best = _reselect_form(given, best)
+    return best._replace(held_out=_calc_held_out_gain(given, best))
 
 
-def _choose_form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
+def _reselect_form(given: TermContext, one: FittedTerm) -> FittedTerm:
     """Return the best form over the same variable under the noise with the term: without the term,
     drift absorbed part of the dependence and biased the selection."""
     if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, PeriodicForm, LostConstantForm):
@@ -221,21 +228,21 @@ def _choose_form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
     acts = one.term.acts_on
     residual = given.whitened(one.noise)
     entries = [
-        entry.only([form.kind is kind for form in entry.forms])
-        for entry in given.dictionary.entries(acts)
+        entry.select_forms([form.kind is kind for form in entry.forms])
+        for entry in given.dictionary.list_form_groups(acts)
         if entry.forms[0].over == one.tried.over
         for kind in dict.fromkeys(form.kind for form in entry.forms)
     ]
     ranked = sorted(
         scan_dictionary(residual, given.dictionary.of[acts][0], entries), key=lambda c: -c.score
-    )[:FORMS_AGAIN]
+    )[:RETRIED_FORM_COUNT]
     return max(
         [one, *(_verify_term(given, candidate, one.noise) for candidate in ranked)],
         key=lambda found: found.worth,
     )
 
 
-def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
+def _list_form_candidates(given: TermContext) -> list[FormCandidate]:
     """Return the best forms under two noise models: one form of each quantity and set of variables
     under each.
 
@@ -244,16 +251,16 @@ def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
     edges are off by half a class.
     """
     chosen: dict[tuple[TermTarget, tuple[str, ...], str, int], FormCandidate] = {}
-    temporary = given.dictionary.scanned(
+    temporary = given.dictionary.scan_forms(
         given.whitened(_drop_slow_noise(given.noise)), temporary=True
     )
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
-        lasting = given.dictionary.scanned(given.whitened(noise), temporary=False)
+        lasting = given.dictionary.scan_forms(given.whitened(noise), temporary=False)
         found = sorted([*lasting, *temporary], key=lambda c: -c.score)
         plain = [one for one in found if len(one.tried.over) == 1 and not one.tried.kind.one_run]
         leaps = [one for one in plain if one.tried.kind.leaps]
         # A strong form of one variable leads in many products.
-        for one in (*found[:VERIFIED], *plain[:1], *leaps[:1]):
+        for one in (*found[:VERIFIED_COUNT], *plain[:1], *leaps[:1]):
             if one.score > MIN_SCORE:
                 chosen.setdefault(
                     (one.acts, one.tried.over, one.tried.kind.form, len(one.tried.columns)), one
@@ -264,12 +271,14 @@ def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
 def _drop_slow_noise(noise: dict[str, Noise]) -> dict[str, Noise]:
     """Return the noise without its slow component."""
     return {
-        name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
+        name: Noise((*one.theta[:2], float(np.log(NEGLIGIBLE_SHARE * one.fast_sd)), one.theta[3]))
         for name, one in noise.items()
     }
 
 
-def _settle_form_shape(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
+def _refine_form_shape(
+    given: TermContext, one: FormCandidate, noise: dict[str, Noise]
+) -> TriedForm:
     """Move a form's shape in decreasing steps to the largest gain under a noise."""
     form, (acted, variables) = one.tried, given.dictionary.of[one.acts]
     kind, x = form.kind, variables.by_name[form.over[0]]
@@ -279,50 +288,58 @@ def _settle_form_shape(given: TriedOn, one: FormCandidate, noise: dict[str, Nois
     constant = acted.constant[: variables.has_level(form)]
 
     def gain(form: TriedForm) -> float:
-        series = np.concatenate((acted.of(form.calc_rows(variables.by_name)), constant))
-        return residual.beyond(
-            acted.channel, coefficients(series, acted.channel.cut)
+        series = np.concatenate((acted.calc_response(form.calc_rows(variables.by_name)), constant))
+        return residual.project_out_base(
+            acted.channel, calc_coefficients(series, acted.channel.cut)
         ).calc_gain_of_mixes(np.eye(len(series)))
 
     def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:
             for way in (-fineness, fineness):
                 shape = {**form.shape, name: kind.step_shape(form.shape, name, way, x)}
-                if shape.get("high_end", np.inf) - shape.get("low_end", -np.inf) >= NARROWEST:
+                if (
+                    shape.get("high_end", np.inf) - shape.get("low_end", -np.inf)
+                    >= MIN_KNOT_DISTANCE
+                ):
                     yield form.change_shape(shape, variables.by_name)
 
-    steps = np.repeat(FINENESS if kind.leaps else FINENESS[:3], len(kind.movable)).tolist()
+    steps = np.repeat(
+        SHAPE_STEP_SHARES if kind.leaps else SHAPE_STEP_SHARES[:3], len(kind.movable)
+    ).tolist()
     return climb_to_best(form, gain, near, steps, again=False)
 
 
-def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
+def _verify_term(given: TermContext, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
     """Refine the shape of a candidate and refit the candidate with the noise. noise : start of the
     fits."""
     base, (acted, variables) = len(given.base), given.dictionary.of[one.acts]
     quiet = (
         _drop_slow_noise(noise) if one.tried.kind.leaps else limit_slow_noise(noise, given.channels)
     )
-    form = _settle_form_shape(given, one, quiet)
+    form = _refine_form_shape(given, one, quiet)
     name, cut = acted.channel.name, acted.channel.cut
     rows = form.calc_rows(variables.by_name)
-    series = np.concatenate((acted.constant[: variables.has_level(form)], acted.of(rows)))
-    levels, usual = len(series) - len(rows), prior.USUAL_OF_TERM[one.acts]
-    columns = tuple(
-        Column(Label(Role.FORM, "term"), {name: coefficients(row, cut)}, usual) for row in series
+    series = np.concatenate(
+        (acted.constant[: variables.has_level(form)], acted.calc_response(rows))
     )
-    p = given.problem(columns)
+    levels, usual = len(series) - len(rows), prior.TERM_SDS[one.acts]
+    columns = tuple(
+        Column(ColumnLabel(ColumnRole.FORM, "term"), {name: calc_coefficients(row, cut)}, usual)
+        for row in series
+    )
+    p = given.make_problem(columns)
     plain, full, log_weight = _fit_with_and_without(given, p, base + levels, noise, usual)
     sizes = full.amplitude[base + levels :]
     own, whole = (
-        coefficients(sizes @ series[levels:], cut),
-        coefficients(full.amplitude[base:] @ series, cut),
+        calc_coefficients(sizes @ series[levels:], cut),
+        calc_coefficients(full.amplitude[base:] @ series, cut),
     )
     gain = full.log_likelihood - plain.log_likelihood
     integrated = (
         full.log_evidence - full.log_likelihood - (plain.log_evidence - plain.log_likelihood)
     )
-    trace = Column(Label(Role.TRACE), {name: whole}, np.inf)
-    even = min(gain, find_even_gain(given.search, given.now.parts, full.noise, trace, given.held))
+    trace = Column(ColumnLabel(ColumnRole.TRACE), {name: whole}, np.inf)
+    even = min(gain, calc_block_gain(given.search, given.now.parts, full.noise, trace, given.held))
     left = find_residual_power(p, name, np.arange(base + levels), plain.amplitude)
     log_prior = _calc_log_prior(len(given.dictionary.of), one.tried, variables) + log_weight
     level = (
@@ -338,7 +355,7 @@ def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) ->
         even + integrated + log_prior,
         columns,
         float(np.clip(np.sum(own**2) / max(1e-300, left), 0.0, 1.0)),
-        _field_percent(term, given.data),
+        _calc_dose_rms(term, given.data),
         full.noise,
         full.log_evidence,
         log_prior,
@@ -346,7 +363,7 @@ def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) ->
 
 
 def _fit_with_and_without(
-    given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float
+    given: TermContext, p: Problem, count: int, noise: dict[str, Noise], usual: float
 ) -> tuple[Fit, Fit, float]:
     """Return the best fits without and with a form, and the log weight of the prior of its sizes.
     count : number of columns before the form."""
@@ -366,13 +383,13 @@ def _fit_with_and_without(
     return max(plain, again, key=lambda fit: fit.log_likelihood), full, weight
 
 
-def _calc_log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
+def _calc_log_prior(quantities: int, form: TriedForm, variables: FormVariables) -> float:
     """Return the log prior odds of a form."""
-    count = len(variables.one) if len(form.over) == 1 else len(variables.pairs())
-    return prior.log_odds_of_form(quantities, count, form.places, form.kind.one_run)
+    count = len(variables.one) if len(form.over) == 1 else len(variables.list_pairs())
+    return prior.calc_form_log_odds(quantities, count, form.places, form.kind.one_run)
 
 
-def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
+def _refit_jointly(given: TermContext, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
     """Refit the terms jointly: the first was fitted before the others were added."""
     columns: list[Column] = []
     # A quantity has a single level, however many terms act on it.
@@ -384,7 +401,7 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
             columns.append(one.columns[0])
         forms.append(len(given.base) + len(columns))
         columns += one.columns[one.levels :]
-    p = given.problem(columns)
+    p = given.make_problem(columns)
     fit = fit_amplitudes_and_noise(p, np.arange(len(p.sd)), terms[-1].noise)
     found = []
     for one, at in zip(terms, forms, strict=True):
@@ -398,7 +415,7 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
             else _find_term_level(fit, level_at, given.base, one.columns[0], spread)
         )
         term = _make_term(acts, one.tried, sizes, level, fit, at, variables)
-        found.append(one._replace(term=term, field_percent=_field_percent(term, given.data)))
+        found.append(one._replace(term=term, field_percent=_calc_dose_rms(term, given.data)))
     return found
 
 
@@ -416,14 +433,17 @@ def _find_term_level(
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     if any(
-        column.label.role is Role.SLOPE and abs(covariance[at, k]) > A_NAME * sd[at] * sd[k]
+        column.label.role is ColumnRole.SLOPE
+        and abs(covariance[at, k]) > MAX_NAME_CORRELATION * sd[at] * sd[k]
         for k, column in enumerate(base)
     ):
         return 0.0
     # Share of a level in a unit of each column.
     share = np.zeros(len(sd))
     for k, column in enumerate(base):
-        share[k] = _share_of_level(column, own) if column.label.role is Role.TOLERANCE else 0.0
+        share[k] = (
+            _calc_level_share(column, own) if column.label.role is ColumnRole.TOLERANCE else 0.0
+        )
     # The tolerances' share of the level is subtracted.
     moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)
     share[at] = 1.0
@@ -431,19 +451,23 @@ def _find_term_level(
     variance = float(share @ covariance @ share)
     return (
         value
-        if abs(value) > max(LEVEL_SD * np.sqrt(max(variance, 0.0)), LEVEL_SHARE * spread)
+        if abs(value) > max(MIN_LEVEL_SD * np.sqrt(max(variance, 0.0)), MIN_LEVEL_SHARE * spread)
         else 0.0
     )
 
 
-def _share_of_level(one: Column, level: Column) -> float:
+def _calc_level_share(one: Column, level: Column) -> float:
     """Return the share of a level in a unit of a column; 0 where the column is unrelated."""
     name = next(iter(level.coefficients))
     if name not in one.coefficients:
         return 0.0
     a, b = one.coefficients[name], level.coefficients[name]
     along, size = float(a @ b), float(b @ b)
-    return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
+    return (
+        along / max(size, 1e-300)
+        if abs(along) > MIN_LEVEL_COSINE * np.sqrt(float(a @ a) * size)
+        else 0.0
+    )
 
 
 def _make_term(
@@ -453,7 +477,7 @@ def _make_term(
     level: float,
     fit: Fit,
     at: int,
-    variables: Variables,
+    variables: FormVariables,
 ) -> Term:
     """Build the term of a form from its amplitudes, which begin at index `at` of a fit, and its
     level."""
@@ -484,36 +508,39 @@ def _make_term(
 
 def _make_term_id(words: str) -> str:
     """Return the id of a term in ASCII: column names may be in any script, ids may not."""
-    return re.sub(r"[^a-z0-9_.]+", "", words.lower())[:LONGEST_ID]
+    return re.sub(r"[^a-z0-9_.]+", "", words.lower())[:MAX_ID_LETTERS]
 
 
-def series_of_term(term: Term, data: RunData) -> Array:
+def calc_term_series(term: Term, data: RunData) -> Array:
     """Return the values of a term at the log's rows (rows,)."""
     found = sum_over_log([term], data.inputs, data.row_s, run_term)
     return found.get(term.acts_on.value, np.zeros(len(data.row_s)))
 
 
-def _field_percent(term: Term, data: RunData) -> float:
+def _calc_dose_rms(term: Term, data: RunData) -> float:
     """Return the r.m.s. of a term over the working rows minus its mean, in per cent of the dose; an
     error of the scale does not change the dose."""
     working = np.interp(data.row_s, data.time_s, data.working) > 0.5
     if term.stage == "scale" or not working.any():
         return 0.0
-    wrong = series_of_term(term, data)[working]
+    wrong = calc_term_series(term, data)[working]
     if TARGET_UNITS[term.acts_on] != "%":
         scale = data.inputs["opening_mm" if term.stage == "gate" else "shaft_rpm"][working]
         wrong = 100.0 * wrong / np.maximum(1.0, scale)
     return float(np.std(wrong))
 
 
-def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
+def _calc_held_out_gain(given: TermContext, one: FittedTerm) -> float:
     """Return the share of the held-out mean square error that a term explains, with its amplitudes
     fitted to the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
-    channel = given.search.model.channel(name)
-    blocks, before = hold_out_blocks(channel), given.search.model.residual(given.now.parts)[name]
+    channel = given.search.model.find_channel(name)
+    blocks, before = (
+        hold_out_blocks(channel),
+        given.search.model.calc_residual(given.now.parts)[name],
+    )
     every = [
-        (c, make_series_of(c.coefficients[name], channel.cut))
+        (c, make_series(c.coefficients[name], channel.cut))
         for c in (*given.base, *one.columns)
         if name in c.coefficients
     ]
@@ -533,24 +560,24 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
 # means.
 
 
-def average_marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
+def average_marginal(term: Term, variable: str, data: RunData) -> tuple[EightValues, EightValues]:
     """Return eight values of one of a term's variables, and the term's mean at each value in the
     log."""
     values = data.inputs[name_own_command(term.stage, variable)]
     low, high = (float(v) for v in np.percentile(values, (1.0, 99.0)))
-    nodes = np.linspace(low, high, NODES)
+    nodes = np.linspace(low, high, NODE_COUNT)
     nearest = np.clip(
-        np.round((values - low) / max(high - low, 1e-12) * (NODES - 1)), 0, NODES - 1
+        np.round((values - low) / max(high - low, 1e-12) * (NODE_COUNT - 1)), 0, NODE_COUNT - 1
     ).astype(int)
-    series = series_of_term(term, data)
-    count = np.bincount(nearest, minlength=NODES)
-    mean = np.bincount(nearest, weights=series, minlength=NODES) / np.maximum(1, count)
+    series = calc_term_series(term, data)
+    count = np.bincount(nearest, minlength=NODE_COUNT)
+    mean = np.bincount(nearest, weights=series, minlength=NODE_COUNT) / np.maximum(1, count)
     known = count > 0
     found = np.interp(nodes, nodes[known], mean[known])
     return _pack_eight(nodes), _pack_eight(found)
 
 
-def _pack_eight(numbers: Array) -> Eight:
+def _pack_eight(numbers: Array) -> EightValues:
     a, b, c, d, e, f, g, h = (float(one) for one in numbers)
     return a, b, c, d, e, f, g, h
 
@@ -564,22 +591,22 @@ def average_along(
     The mean of the data is the channel's residual after the fit of the hypothesis, in the unit of
     the term's quantity, by least squares of a constant for each class.
     """
-    acted = ActedOn(search.model, now.parts, found.term.acts_on)
+    acted = TargetResponse(search.model, now.parts, found.term.acts_on)
     channel = acted.channel
-    values = series_of_term(found.term, data)
+    values = calc_term_series(found.term, data)
     along = (
         values
         if len(found.tried.over) > 1
         else data.inputs[name_own_command(found.stage, found.tried.over[0])]
     )
-    edges = np.unique(np.percentile(along, np.linspace(0.0, 100.0, CLASSES + 1)))
+    edges = np.unique(np.percentile(along, np.linspace(0.0, 100.0, CLASS_COUNT + 1)))
     if len(edges) < 3:
         return ()
     place = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2)
     inside = np.array([place == k for k in range(len(edges) - 1)], dtype=np.float64)
-    columns = acted.of(inside)
+    columns = acted.calc_response(inside)
     white = 1.0 / max(1e-12, found.noise[channel.name].fast_sd)
-    left = search.model.residual(now.parts)[channel.name]
+    left = search.model.calc_residual(now.parts)[channel.name]
     # The scale accumulates, so its differences show the flow.
     if channel.name == "scale":
         columns, left = np.diff(columns, axis=1), np.diff(left)

@@ -29,11 +29,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.judgement.evidence import Column
-from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian
+from topdress.control.diagnosis.judgement.gaussian import Array, ColumnProducts
 from topdress.control.diagnosis.judgement.noise import (
     Noise,
-    calc_coefficient_strengths,
-    make_series_of,
+    calc_coefficient_variances,
+    make_series,
 )
 
 from .channels import ChannelSeries
@@ -43,11 +43,11 @@ from .search import Search
 # Length of a block, s: longer than a single event (a restart, a turn, a hand on the machine).
 BLOCK_S = 30.0
 # Minimum and maximum number of blocks.
-FEWEST, MOST = 8, 64
+MIN_BLOCKS, MAX_BLOCKS = 8, 64
 # Degrees of freedom of a block's noise: its s.d. agrees with that of other blocks to some 30 %.
 BLOCK_DOF = 5.0
 # Minimum energy of a column in a block: with less, the column has no effect there.
-LEAST_ENERGY = 1e-9
+MIN_BLOCK_ENERGY = 1e-9
 
 
 class WhitenedResidual:
@@ -70,15 +70,15 @@ class WhitenedResidual:
         self._free = sum(column.sd == np.inf for column in base)
         self._scale = {
             c.name: 1.0
-            / np.sqrt(calc_coefficient_strengths(noise[c.name], c.prior, c.cut, c.grid.step_s))
+            / np.sqrt(calc_coefficient_variances(noise[c.name], c.prior, c.cut, c.grid.step_s))
             for c in channels
         }
         ends = np.cumsum([0, *(len(one) for one in self._scale.values())]).tolist()
         self._place = {name: slice(*ends[k : k + 2]) for k, name in enumerate(self._scale)}
         self.priors = slice(ends[-1], ends[-1] + len(base))
         right, stack = (
-            self._stacked(banded),
-            np.array([self._stacked(column.coefficients) for column in base]).T,
+            self._stack_channels(banded),
+            np.array([self._stack_channels(column.coefficients) for column in base]).T,
         )
         stack = stack.reshape(len(right), len(base))
         stack[self.priors] = np.diag([1.0 / column.sd for column in base])
@@ -86,7 +86,7 @@ class WhitenedResidual:
         self._basis = np.linalg.qr(stack / np.maximum(np.linalg.norm(stack, axis=0), 1e-300))[0]
         self.left = right - self._basis @ (self._basis.T @ right)
 
-    def _stacked(self, coefficients: Mapping[str, Array]) -> Array:
+    def _stack_channels(self, coefficients: Mapping[str, Array]) -> Array:
         """Return coefficients by channel, whitened, in one column with the rows of the priors,
         which are 0: (rows,)."""
         found = np.zeros(self.priors.stop)
@@ -95,26 +95,26 @@ class WhitenedResidual:
                 found[place] = coefficients[name] * self._scale[name]
         return found
 
-    def split(self, column: Column) -> tuple[Array, Array]:
+    def split_column(self, column: Column) -> tuple[Array, Array]:
         """Split a whitened column into the component that the hypothesis cannot absorb, and the
         component absorbed by columns with a prior, with the rest refitted: (rows,) each."""
-        whole = self._stacked(column.coefficients)
+        whole = self._stack_channels(column.coefficients)
         taken = self._basis.T @ whole
         return whole - self._basis @ taken, self._basis[:, self._free :] @ taken[self._free :]
 
-    def series(self, channel: ChannelSeries, rows: Array) -> Array:
+    def make_series(self, channel: ChannelSeries, rows: Array) -> Array:
         """Return the whitened rows of a channel as a series (copies x m,)."""
-        return make_series_of(rows[self._place[channel.name]], channel.cut)
+        return make_series(rows[self._place[channel.name]], channel.cut)
 
-    def weighted(self, channel: ChannelSeries) -> Array:
+    def weigh_residual(self, channel: ChannelSeries) -> Array:
         """Return the residual of a channel times the inverse covariance of its noise: (copies,
         m)."""
         name = channel.name
-        return make_series_of(
-            self.left[self._place[name]] * self._scale[name], channel.cut
-        ).reshape(channel.copies, -1)
+        return make_series(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(
+            channel.copies, -1
+        )
 
-    def white(
+    def whiten(
         self, channel: ChannelSeries, banded: npt.NDArray[Any]
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Return whitened cosine coefficients (k, m) of a channel, all or the slowest, and their
@@ -126,17 +126,17 @@ class WhitenedResidual:
         white = banded * self._scale[channel.name][:count].astype(banded.dtype, copy=False)
         return white, white @ self._basis[begin : begin + count].astype(banded.dtype, copy=False)
 
-    def beyond(self, channel: ChannelSeries, banded: npt.NDArray[Any]) -> Gaussian:
+    def project_out_base(self, channel: ChannelSeries, banded: npt.NDArray[Any]) -> ColumnProducts:
         """Return the products of the same coefficients after the fit of the hypothesis."""
-        white, taken = self.white(channel, banded)
+        white, taken = self.whiten(channel, banded)
         left = self.left[self._place[channel.name]][: banded.shape[1]].astype(
             banded.dtype, copy=False
         )
         a, s = white @ white.T - taken @ taken.T, white @ left
-        return Gaussian(a.astype(np.float64), s.astype(np.float64))
+        return ColumnProducts(a.astype(np.float64), s.astype(np.float64))
 
 
-def find_even_gain(
+def calc_block_gain(
     search: Search,
     others: Hypothesis,
     noise: dict[str, Noise],
@@ -149,9 +149,9 @@ def find_even_gain(
     The component that these absorb is no evidence for the trace.
     """
     model = search.model
-    base = [*search.columns.of_hypothesis(others), *more]
-    residual = WhitenedResidual(model.channels, model.banded_residual(others), base, noise)
-    own, held = residual.split(trace)
+    base = [*search.columns.list_columns(others), *more]
+    residual = WhitenedResidual(model.channels, model.calc_banded_residual(others), base, noise)
+    own, held = residual.split_column(trace)
     if not own.any() and not held.any():
         return 0.0
     size = float(own @ residual.left) / float(own @ own)
@@ -160,9 +160,12 @@ def find_even_gain(
     moved, stands = size * float(off @ spared) - 0.5 * size**2 * float(spared @ spared), 0.0
     scores, energies = list[Array](), list[Array]()
     for channel in model.channels:
-        r, t, h = (residual.series(channel, rows) for rows in (residual.left, own, held))
+        r, t, h = (residual.make_series(channel, rows) for rows in (residual.left, own, held))
         lasts_s = channel.grid.step_s * len(r)
-        blocks = int(np.clip(lasts_s / (channel.copies * BLOCK_S), FEWEST, MOST)) * channel.copies
+        blocks = (
+            int(np.clip(lasts_s / (channel.copies * BLOCK_S), MIN_BLOCKS, MAX_BLOCKS))
+            * channel.copies
+        )
         # Settled rows are independent of the rows before.
         if channel.settled:
             blocks = len(r)
@@ -176,7 +179,9 @@ def find_even_gain(
         stands += _calc_student_gain(stood, within, count)
         scores.append(score)
         energies.append(energy)
-    return min(moved, stands) / _calc_unevenness(np.concatenate(scores), np.concatenate(energies))
+    return min(moved, stands) / _calc_variance_ratio(
+        np.concatenate(scores), np.concatenate(energies)
+    )
 
 
 def _calc_student_gain(without: Array, within: Array, count: Array) -> float:
@@ -187,8 +192,8 @@ def _calc_student_gain(without: Array, within: Array, count: Array) -> float:
     )
 
 
-def _calc_unevenness(score: Array, energy: Array) -> float:
+def _calc_variance_ratio(score: Array, energy: Array) -> float:
     """Return the ratio of block-robust to model variance of a trace's score by block (b,), from its
     energy there (b,); 1 where the blocks agree better."""
-    known = energy > LEAST_ENERGY * max(float(energy.sum()), 1e-300)
+    known = energy > MIN_BLOCK_ENERGY * max(float(energy.sum()), 1e-300)
     return max(1.0, float(np.mean(score[known] ** 2 / energy[known]))) if known.any() else 1.0

@@ -1,14 +1,14 @@
 """Finds changes in the course of one effect on one machine, with a product partition model summed
 exactly.
 
-A machine is repaired, or set anew, between two logs, by chance once in USUAL logs. Between two
-changes an effect is absent, constant, or grows linearly (wear). The two sides of a change are
-independent (Barry and Hartigan, Journal of the American Statistical Association 88, 1993, 309).
-Each stretch then has a closed-form marginal likelihood, and the sums over all partitions are a
-recursion over the logs in both directions (as Fearnhead, Statistics and Computing 16, 2006, 203).
-The recursion gives the probability of a change in each gap, and the most likely partition. The
-scatter of a size from log to log beyond its own error, as a constant and as a share of the size (an
-effect's form is never exactly right), is the most likely of a short grid.
+A machine is repaired, or set anew, between two logs, by chance once in MEAN_LOGS_PER_CHANGE logs.
+Between two changes an effect is absent, constant, or grows linearly (wear). The two sides of a
+change are independent (Barry and Hartigan, Journal of the American Statistical Association 88,
+1993, 309). Each stretch then has a closed-form marginal likelihood, and the sums over all
+partitions are a recursion over the logs in both directions (as Fearnhead, Statistics and Computing
+16, 2006, 203). The recursion gives the probability of a change in each gap, and the most likely
+partition. The scatter of a size from log to log beyond its own error, as a constant and as a share
+of the size (an effect's form is never exactly right), is the most likely of a short grid.
 """
 
 from __future__ import annotations
@@ -21,19 +21,22 @@ from topdress.control.diagnosis.judgement.gaussian import Array, calc_elementwis
 
 # Mean number of logs between two changes of one effect: a season has some 50 logs, and one repair
 # or none.
-USUAL = 50.0
+MEAN_LOGS_PER_CHANGE = 50.0
 # Prior s.d. of a linear change over the season, in units of the level's prior s.d.
-SLOPES = 2.0
+SLOPE_SD_RATIO = 2.0
 # Trial scatters, in units of the s.d. around a smooth curve.
-SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)
+TRIAL_SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)
 # Trial scatters as a share of the size.
-SHARES = (0.0, 0.1, 0.2, 0.4)
+TRIAL_SCATTER_SHARES = (0.0, 0.1, 0.2, 0.4)
 # Number of gaps on either side of a change within which its position is uncertain.
-NEAR = 2
+NEIGHBOUR_GAPS = 2
 # Kinds of stretches: the effect is absent, constant, or grows linearly.
-KINDS = ("gone", "stands", "line")
+STRETCH_KINDS = ("gone", "stands", "line")
 # Log probabilities that an effect continues, or changes, in a gap between two logs.
-STAYS, CHANGES = float(np.log1p(-1.0 / USUAL)), -float(np.log(USUAL))
+STAY_LOG_PROB, CHANGE_LOG_PROB = (
+    float(np.log1p(-1.0 / MEAN_LOGS_PER_CHANGE)),
+    -float(np.log(MEAN_LOGS_PER_CHANGE)),
+)
 
 
 class Stretch(NamedTuple):
@@ -55,7 +58,9 @@ class Partition(NamedTuple):
     def calc_change_probability_near(self, gap: int) -> float:
         """Return the probability of a change in a gap or its neighbours, which the logs cannot
         separate."""
-        return float(min(1.0, self.change[max(0, gap - NEAR) : gap + NEAR + 1].sum()))
+        return float(
+            min(1.0, self.change[max(0, gap - NEIGHBOUR_GAPS) : gap + NEIGHBOUR_GAPS + 1].sum())
+        )
 
 
 def calc_season_shares(times_d: Array) -> Array:
@@ -68,7 +73,7 @@ def find_partition(
 ) -> Partition:
     """Return the partition of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter:
     variance around the curve."""
-    tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
+    tried = product(TRIAL_SCATTERS, TRIAL_SCATTER_SHARES) if scatter > 0.0 else [(0.0, 0.0)]
     extras = [constant**2 * scatter + (share * curve) ** 2 for constant, share in tried]
     return _choose_stretches(
         max(
@@ -81,14 +86,14 @@ def find_partition(
     )
 
 
-def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
+def calc_course_gain(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
     """Return the log marginal likelihood of any course, relative to the absence of the effect."""
     each = _calc_stretch_likelihoods(times_d, sizes, variance, level_sd)
     return float(
         _calc_likelihood_ahead(each)[-1]
         - each[0, 0, -1]
-        - np.log(len(KINDS))
-        + STAYS * (len(sizes) - 1)
+        - np.log(len(STRETCH_KINDS))
+        + STAY_LOG_PROB * (len(sizes) - 1)
     )
 
 
@@ -109,7 +114,9 @@ def _choose_stretches(found: tuple[Array, Array]) -> Partition:
     inside = np.arange(1, count)
     stretches, end = list[Stretch](), count
     while end > 0:
-        stretches.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
+        stretches.append(
+            Stretch(came[end], end, STRETCH_KINDS[int(np.argmax(each[:, came[end], end]))])
+        )
         end = came[end]
     return Partition(
         tuple(stretches[::-1]), np.exp(ahead[inside] + back[inside] - ahead[count]), extra
@@ -162,6 +169,10 @@ def _calc_stretch_likelihoods(
     stands = gone + calc_elementwise_gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    line = stands + calc_elementwise_gain(spread, score, SLOPES * level_sd)
-    prior = STAYS * (end - 1 - begin) + CHANGES * (begin > 0) - np.log(len(KINDS))
+    line = stands + calc_elementwise_gain(spread, score, SLOPE_SD_RATIO * level_sd)
+    prior = (
+        STAY_LOG_PROB * (end - 1 - begin)
+        + CHANGE_LOG_PROB * (begin > 0)
+        - np.log(len(STRETCH_KINDS))
+    )
     return np.where(outside, -np.inf, np.stack([gone, stands, line]) + prior)

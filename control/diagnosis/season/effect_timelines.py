@@ -16,20 +16,27 @@ from scipy.special import expit, ndtr
 from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.judgement.gaussian import Array
 
-from .changes import NEAR, Partition, Stretch
-from .evidence import OneLog, stack_logs
-from .mixed import Alternative, Levels, Season, find_season_causes, judge_season_causes, scan_season
+from .changes import NEIGHBOUR_GAPS, Partition, Stretch
+from .evidence import SeasonLog, stack_logs
+from .mixed import (
+    Alternative,
+    FactorLevels,
+    Season,
+    find_season_causes,
+    judge_season_causes,
+    scan_season,
+)
 
 # Maximum p value of a slope that counts as wear.
-WEAR_P = 1e-3
+MAX_WEAR_P = 1e-3
 # Minimum share of an effect that a repair removes.
-REPAIR_SHARE = 0.25
+MIN_REPAIR_SHARE = 0.25
 # Probability from which a change is reported.
-SAID = 0.1
+MIN_CHANGE_PROB = 0.1
 # Number of logs on either side of a change whose sizes are averaged.
-AROUND = 5
+CHANGE_WINDOW_LOGS = 5
 # Minimum share of common logs of two levels for their effects to be inseparable.
-SAME_LOGS = 0.9
+MIN_COMMON_SHARE = 0.9
 
 
 class CoursePiece(NamedTuple):
@@ -59,7 +66,7 @@ class SeasonChange(NamedTuple):
     logs_after: int
 
 
-class Cause(NamedTuple):
+class SeasonCause(NamedTuple):
     """Effect of one level of a factor. size, half: mean over all its logs with half of the 90 %
     interval.
 
@@ -86,17 +93,17 @@ class Cause(NamedTuple):
     changes: tuple[SeasonChange, ...] = ()
 
     @property
-    def now(self) -> float:
+    def final_size(self) -> float:
         """Size in the last log."""
         return self.pieces[-1].end if self.pieces else self.size
 
     @property
-    def alike(self) -> tuple[str, ...]:
+    def other_effects(self) -> tuple[str, ...]:
         """Other effects among the alternatives."""
         return tuple(one.effect for one in self.alternatives if one.effect != self.effect)
 
 
-class Same(NamedTuple):
+class InseparableLevels(NamedTuple):
     """Two levels whose logs are the same except for a few: their effects are inseparable."""
 
     factor: str
@@ -109,13 +116,13 @@ class SeasonFit(NamedTuple):
     """Fit of a season. courses: the machines' own causes. shared: causes that machines share.
     levels: for every reported effect, every level of every factor."""
 
-    courses: tuple[Cause, ...] = ()
-    shared: tuple[Cause, ...] = ()
-    levels: tuple[Cause, ...] = ()
-    same: tuple[Same, ...] = ()
+    courses: tuple[SeasonCause, ...] = ()
+    shared: tuple[SeasonCause, ...] = ()
+    levels: tuple[SeasonCause, ...] = ()
+    same: tuple[InseparableLevels, ...] = ()
 
 
-def fit_season(logs: Sequence[OneLog]) -> SeasonFit:
+def fit_season(logs: Sequence[SeasonLog]) -> SeasonFit:
     """Fit the whole season."""
     if not logs:
         return SeasonFit()
@@ -129,12 +136,12 @@ def fit_season(logs: Sequence[OneLog]) -> SeasonFit:
     )
 
 
-def _make_season_cause(season: Season, number: int) -> Cause:
+def _make_season_cause(season: Season, number: int) -> SeasonCause:
     """Return a cause with its size in each log: the residual after all other terms at their
     means."""
-    cause, (mean, cov) = season.causes[number], season.sizes_of(number)
+    cause, (mean, cov) = season.causes[number], season.find_posterior(number)
     whole = cause.columns.mean(axis=0)
-    found = Cause(
+    found = SeasonCause(
         *season.levels.keys[cause.row],
         season.logs.names[cause.effect],
         float(whole @ mean),
@@ -145,7 +152,7 @@ def _make_season_cause(season: Season, number: int) -> Cause:
     )
     if cause.course is None:
         return found
-    times_d, (score, information) = season.logs.times_d[cause.at], season.of_effect(number)
+    times_d, (score, information) = season.logs.times_d[cause.at], season.calc_effect_score(number)
     # The variance includes the scatter.
     sizes, variance = score / information, 1.0 / information
     return found._replace(
@@ -196,14 +203,16 @@ def _list_season_changes(
     gaps = [one.begin - 1 for one in course.stretches[1:]]
     for gap in map(int, np.argsort(-course.change, kind="stable")):
         if (
-            all(abs(gap - one) > NEAR for one in gaps)
-            and course.calc_change_probability_near(gap) >= SAID
+            all(abs(gap - one) > NEIGHBOUR_GAPS for one in gaps)
+            and course.calc_change_probability_near(gap) >= MIN_CHANGE_PROB
         ):
             gaps.append(gap)
     for gap in sorted(gaps):
         before, after = ([one for one in gaps if one < gap], [one for one in gaps if one > gap])
-        early = slice(max(gap + 1 - AROUND, max(before, default=-1) + 1), gap + 1)
-        late = slice(gap + 1, min(gap + 1 + AROUND, min(after, default=len(sizes) - 1) + 1))
+        early = slice(max(gap + 1 - CHANGE_WINDOW_LOGS, max(before, default=-1) + 1), gap + 1)
+        late = slice(
+            gap + 1, min(gap + 1 + CHANGE_WINDOW_LOGS, min(after, default=len(sizes) - 1) + 1)
+        )
         was, is_ = (
             (
                 float(np.average(sizes[part], weights=1.0 / variance[part])),
@@ -227,7 +236,7 @@ def _calc_repair_probability(
 ) -> float:
     """Return the probability that a size decreased by MIN_REPAIR_SHARE at least, and not to an
     equal size of the opposite sign."""
-    left = 1.0 - REPAIR_SHARE
+    left = 1.0 - MIN_REPAIR_SHARE
     sd = float(left**2 * was_variance + is_variance) ** 0.5
     sign = 1.0 if was >= 0.0 else -1.0
     return float(
@@ -240,7 +249,7 @@ def _calc_repair_probability(
     )
 
 
-def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
+def _list_effect_levels(season: Season, causes: Sequence[SeasonCause]) -> Iterator[SeasonCause]:
     """Yield every level of every reported effect: reported causes unchanged, others shrunk towards
     the levels of their factor.
 
@@ -260,7 +269,7 @@ def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cau
         for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):
             key = (*season.levels.keys[row], logs.names[effect])
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
-            one = shown.get(key) or Cause(
+            one = shown.get(key) or SeasonCause(
                 *key,
                 float(seen.score[row, effect] / precision),
                 Z90 * float(precision) ** -0.5,
@@ -272,17 +281,17 @@ def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cau
             yield one._replace(probability=of_set.get(key, one.probability))
 
 
-def _compare_levels(levels: Levels) -> Iterator[Same]:
+def _compare_levels(levels: FactorLevels) -> Iterator[InseparableLevels]:
     """Yield all pairs of inseparable levels, among those that some log has."""
     count = np.array([len(one) for one in levels.logs])
     for one, other in combinations(range(levels.code.shape[1]), 2):
         pairs, both = np.unique(levels.code[:, [one, other]], axis=0, return_counts=True)
         for (a, b), logs in zip(pairs.tolist(), both.tolist(), strict=True):
-            if min(a, b) >= 0 and logs > SAME_LOGS * (count[a] + count[b] - logs):
-                yield Same(*levels.keys[a], *levels.keys[b])
+            if min(a, b) >= 0 and logs > MIN_COMMON_SHARE * (count[a] + count[b] - logs):
+                yield InseparableLevels(*levels.keys[a], *levels.keys[b])
 
 
-def is_wearing(course: Cause) -> bool:
+def is_wearing(course: SeasonCause) -> bool:
     """Tell whether the last piece of a course grows away from zero."""
     last = course.pieces[-1]
-    return last.per_day_p < WEAR_P and last.per_day * last.end > 0.0
+    return last.per_day_p < MAX_WEAR_P and last.per_day * last.end > 0.0

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.evidence import (
     Column,
-    Role,
+    ColumnRole,
     fit_amplitudes_and_noise,
     limit_slow_noise,
 )
-from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
+from topdress.control.diagnosis.judgement.gaussian import Array, ColumnProducts, Indices
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.cost import calc_field_cost
 from topdress.control.diagnosis.runs.diagnose import judge_run
@@ -32,13 +32,13 @@ from topdress.control.machine.machine import Machine, describe_unit
 
 Columns = Mapping[str, npt.NDArray[Any]]
 # Share of a full hopper below which an operator should have refilled.
-LOW_SHARE = 0.05
+MIN_FILL_SHARE = 0.05
 # Minimum speed of a moving machine, m/s.
-MOVING_MPS = 0.3
+MIN_MOVING_MPS = 0.3
 # Minimum eigenvalue as a share of a form's largest: a smaller eigenvalue has no information.
-NOTHING = 1e-9
+MIN_EIGENVALUE_SHARE = 1e-9
 # Minimum share of a log's variance that is not due to the machine's tolerances.
-LEAST_OWN = 1e-3
+MIN_OWN_SHARE = 1e-3
 
 
 class QuadraticForm(NamedTuple):
@@ -111,40 +111,42 @@ def _make_quadratic_form(one: GroupResult) -> QuadraticForm | None:
     """
     columns, model = one.search.columns, one.search.model
     # Nominal values are those of the file; their tolerances are projected out.
-    model.move({})
+    model.set_offsets({})
     straight = [
         c.part
         for c in one.search.candidates
-        if ROWS[c.part.id].probe is not None and c.part.onset_s is None
+        if EFFECT_ROWS[c.part.id].probe is not None and c.part.onset_s is None
     ]
     parts = {part.id + (f"#{part.member}" if part.member else ""): part for part in straight}
     if not parts:
         return None
     others = [
-        part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None
+        part
+        for part in one.found.parts
+        if part.onset_s is not None or EFFECT_ROWS[part.id].probe is None
     ]
     p, before = columns.compress_hypothesis(
-        (), [columns.of_candidate((), part) for part in (*parts.values(), *others)]
+        (), [columns.make_candidate_column((), part) for part in (*parts.values(), *others)]
     )
     noise = fit_amplitudes_and_noise(
         p, np.arange(len(p.labels)), limit_slow_noise(one.found.noise, model.channels)
     ).noise
     every, base = p.weigh_columns(noise), np.arange(before)
-    here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
+    here, sizes = np.arange(before, before + len(parts)), p.fit_sizes(base, noise)
     cross = every.A[here, :before]
-    left = every.of(here).beyond(cross, sizes)
+    left = every.select_columns(here).project_out(cross, sizes)
     # Readings of the machine, without the log's own level.
     own = [
         k
-        for k, column in enumerate(columns.fixed())
-        if column.label.role is not Role.READING or "scale" not in column.coefficients
+        for k, column in enumerate(columns.list_fixed_columns())
+        if column.label.role is not ColumnRole.READING or "scale" not in column.coefficients
     ]
     pulls = cross @ sizes.cov[:, own] / p.sd[own]
     return QuadraticForm(
         tuple(parts),
         _list_form_rows(left.A),
         tuple(left.s.tolist()),
-        _name_tolerances([columns.fixed()[k] for k in own]),
+        _name_tolerances([columns.list_fixed_columns()[k] for k in own]),
         _list_form_rows(pulls),
     )
 
@@ -167,7 +169,7 @@ def _list_form_rows(of: Array) -> tuple[tuple[float, ...], ...]:
 def _calc_dose_percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
     from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 
-    probe = ROWS[effect_id].on(machine).probe
+    probe = EFFECT_ROWS[effect_id].scale_to_machine(machine).probe
     assert probe is not None
     # The value is rounded.
     error = calc_field_cost(
@@ -196,11 +198,11 @@ def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
         if state is not None and np.any(state != "")
         else known("shaft_rpm") > 2.0
     )
-    works = works & (speed > MOVING_MPS) if np.any(speed) else works
+    works = works & (speed > MIN_MOVING_MPS) if np.any(speed) else works
     ground_ha = speed * machine.geometry.working_width_m * step_s * works / 10_000.0
     hopper = columns.get("hopper_kg")
     low = (
-        np.asarray(hopper, np.float64) < LOW_SHARE * machine.flow.full_kg
+        np.asarray(hopper, np.float64) < MIN_FILL_SHARE * machine.flow.full_kg
         if hopper is not None
         else np.zeros(len(time_s), bool)
     )
@@ -215,7 +217,7 @@ def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
     )
 
 
-class OneLog(NamedTuple):
+class SeasonLog(NamedTuple):
     """A log of the season. time_d: days from any origin, the same for all logs."""
 
     key: str
@@ -226,11 +228,11 @@ class OneLog(NamedTuple):
     shared: Mapping[str, str] = {}
 
 
-class Logs(NamedTuple):
+class StackedLogs(NamedTuple):
     """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a log
     has no information."""
 
-    logs: tuple[OneLog, ...]
+    logs: tuple[SeasonLog, ...]
     # Times in days, (n,).
     times_d: Array
     machines: tuple[str, ...]
@@ -239,14 +241,14 @@ class Logs(NamedTuple):
     # Names of the effects, (q,).
     names: tuple[str, ...]
     # Products of shapes (n, q + t, q + t) and (n, q + t).
-    every: Gaussian
+    every: ColumnProducts
 
-    def of(self, machine: int) -> slice:
+    def find_slice(self, machine: int) -> slice:
         """Return the slice of a machine's logs, which are adjacent."""
         return slice(*np.searchsorted(self.machine, [machine, machine + 1]).tolist())
 
 
-def stack_logs(logs: Sequence[OneLog]) -> Logs:
+def stack_logs(logs: Sequence[SeasonLog]) -> StackedLogs:
     """Return the logs of a season as arrays: each a Gaussian likelihood of all sizes, with its
     machine's tolerances separate.
 
@@ -271,13 +273,13 @@ def stack_logs(logs: Sequence[OneLog]) -> Logs:
             normal[np.ix_([j], here, here)] += part
             right[j, here] += score
     number = {name: k for k, name in enumerate(machines)}
-    return Logs(
+    return StackedLogs(
         tuple(every),
         np.array([log.time_d for log in every]),
         tuple(machines),
         np.array([number[log.machine] for log in every], np.int64),
         tuple(names),
-        Gaussian(normal, right),
+        ColumnProducts(normal, right),
     )
 
 
@@ -285,7 +287,7 @@ def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
     """Return normal and right of (x, u): in the directions with information, y = A x + W u + e,
     cov(W u + e) = 1."""
     values, vectors = np.linalg.eigh(np.array(form.normal, np.float64))
-    known = values > NOTHING * max(float(values[-1]), 1e-300)
+    known = values > MIN_EIGENVALUE_SHARE * max(float(values[-1]), 1e-300)
     root = np.sqrt(values[known])
     if not len(root):
         return np.zeros((len(form.names) + len(form.open),) * 2), np.zeros(
@@ -296,12 +298,14 @@ def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
     both = np.concatenate([root[:, None] * seen, seen @ pulls / root[:, None]], axis=1)
     own = np.eye(len(root)) - both[:, len(form.names) :] @ both[:, len(form.names) :].T
     shares, axes = np.linalg.eigh(own)
-    weighted = (axes / np.maximum(shares, LEAST_OWN)) @ axes.T @ both
+    weighted = (axes / np.maximum(shares, MIN_OWN_SHARE)) @ axes.T @ both
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 
-def add_scatter(every: Gaussian, variance: Array) -> Gaussian:
+def add_scatter(every: ColumnProducts, variance: Array) -> ColumnProducts:
     """Return the logs' products (n, w, w) and (n, w) when each size also scatters by `variance` (n,
     w) from log to log."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))
-    return every.beyond(every.A[:, :, here], every.of(here).fit(np.sqrt(variance[:, here])))
+    return every.project_out(
+        every.A[:, :, here], every.select_columns(here).fit(np.sqrt(variance[:, here]))
+    )

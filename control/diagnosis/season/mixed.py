@@ -43,56 +43,56 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import expit
-from topdress.control.diagnosis.effects import ROWS, EffectRow
+from topdress.control.diagnosis.effects import EFFECT_ROWS, EffectRow
 from topdress.control.diagnosis.judgement.gaussian import (
     Array,
-    Gaussian,
+    ColumnProducts,
     Indices,
-    Sizes,
+    SizePosterior,
     calc_elementwise_gain,
 )
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE
 from topdress.control.machine.machine import CATALOGUE
 
-from .changes import SLOPES, Partition, calc_season_shares, find_partition, gain_of_course
-from .evidence import Logs, add_scatter
+from .changes import SLOPE_SD_RATIO, Partition, calc_course_gain, calc_season_shares, find_partition
+from .evidence import StackedLogs, add_scatter
 
 # Prior probability that one level has one effect: about one of a season's some thousand pairs.
-PRIOR = 1e-3
+LEVEL_PRIOR_PROB = 1e-3
 # Probability from which a level is reported; noise in thousands of pairs reaches 0.1.
-SURE = 0.95
+MIN_REPORT_PROB = 0.95
 # Trial values of tau, in units of an effect's usual size; levels of a factor may differ by less.
-GRID = (0.1, 0.3, 1.0)
+SLAB_SD_GRID = (0.1, 0.3, 1.0)
 # Coarsening of alternatives as a share of the gain: a deficit of 3 % has a probability of one in
 # twenty.
-COARSE = 0.005
+COARSENING_SHARE = 0.005
 # Number of sweeps over all causes.
-SWEEPS = 3
+SWEEP_COUNT = 3
 # Maximum number of rounds of the assignment of names, and the change of a probability that ends the
 # rounds.
-URN_ROUNDS, URN_SETTLED = 300, 1e-3
+MAX_URN_ROUNDS, MAX_SETTLED_CHANGE = 300, 1e-3
 # Maximum number of rounds of additions and of replacements: more than the causes that a machine and
 # its shared levels have.
-ROUNDS = 40
+MAX_ROUNDS = 40
 # Probability from which an alternative is listed.
-SHOWN = 0.05
+MIN_SHOWN_PROB = 0.05
 # Degrees of freedom of a smooth course, and minimum number of logs for each.
-CURVE_DF, LEAST_LOGS = 5, 3
+CURVE_DF, MIN_LOGS_PER_DF = 5, 3
 # Minimum information, to avoid a division by zero.
-LEAST = 1e-12
+MIN_INFORMATION = 1e-12
 # Share of a level's information that counts as zero: the part not shared with other terms, within
 # rounding.
-NOTHING = 1e-6
-MACHINE, FLEET = "machine", "fleet"
+MIN_INFORMATION_SHARE = 1e-6
+MACHINE_FACTOR, FLEET_FACTOR = "machine", "fleet"
 # Stages whose effects belong to a single machine, or to all machines by design and calibration. An
 # error of a scale comes from its cells, its amplifier and its calibration weight. They are bolted
 # to the machine, independently of operator, product and field; pitch and time of day are inputs of
 # their effects.
-OF_MACHINES_ONLY = frozenset({"scale"})
-ORDER = tuple(CATALOGUE)
-NONE = np.zeros(0)
+MACHINE_STAGES = frozenset({"scale"})
+EFFECT_ORDER = tuple(CATALOGUE)
+EMPTY_ARRAY = np.zeros(0)
 # Pairs of level row and effect index.
-Keys = list[tuple[int, int]]
+LevelEffects = list[tuple[int, int]]
 
 
 class Alternative(NamedTuple):
@@ -126,7 +126,7 @@ class EffectAtLevel(NamedTuple):
     alternatives: tuple[Alternative, ...] = ()
 
 
-class Levels(NamedTuple):
+class FactorLevels(NamedTuple):
     """Factor and level of each row, machines first. code: (n, factors) rows of each log, -1 where
     the log has none."""
 
@@ -138,7 +138,7 @@ class Levels(NamedTuple):
     machines: tuple[Indices, ...]
 
 
-class OneMachine(NamedTuple):
+class MachineTerms(NamedTuple):
     """A machine's logs (n) with all their terms: its own first, then those that it shares with
     others.
 
@@ -152,20 +152,20 @@ class OneMachine(NamedTuple):
 
     of: tuple[EffectAtLevel, ...]
     logs: slice
-    likely: Gaussian
+    likely: ColumnProducts
     cross: Array
-    products: Gaussian
+    products: ColumnProducts
     own: Array
     scatter: Array
-    alone: tuple[Sizes, Array, Gaussian]
+    alone: tuple[SizePosterior, Array, ColumnProducts]
     place: Indices = np.zeros(0, np.int64)
     terms: Mapping[int, slice] = {}
-    b: Array = NONE
-    cov: Array = NONE
-    left: Array = NONE
+    b: Array = EMPTY_ARRAY
+    cov: Array = EMPTY_ARRAY
+    left: Array = EMPTY_ARRAY
 
 
-class Scan(NamedTuple):
+class SeasonScan(NamedTuple):
     """Score tests of every level (row) and effect on top of the accepted causes: (rows, q). odds:
     log odds for against.
 
@@ -186,15 +186,15 @@ class Scan(NamedTuple):
 class Season(NamedTuple):
     """Logs and levels with the accepted causes, and the posterior of all terms."""
 
-    logs: Logs
-    levels: Levels
+    logs: StackedLogs
+    levels: FactorLevels
     causes: tuple[EffectAtLevel, ...]
-    machines: tuple[OneMachine, ...]
-    shared: Sizes
+    machines: tuple[MachineTerms, ...]
+    shared: SizePosterior
     # Index of a cause's term among the shared terms.
     place: dict[int, int]
 
-    def sizes_of(self, number: int) -> tuple[Array, Array]:
+    def find_posterior(self, number: int) -> tuple[Array, Array]:
         """Return posterior mean and covariance of a cause's terms."""
         cause = self.causes[number]
         if cause.row < len(self.machines):
@@ -204,10 +204,10 @@ class Season(NamedTuple):
         at = [self.place[number]]
         return self.shared.b[at], self.shared.cov[np.ix_(at, at)]
 
-    def of_effect(self, number: int) -> tuple[Array, Array]:
+    def calc_effect_score(self, number: int) -> tuple[Array, Array]:
         """Return score and information of a cause's effect in each log `at`, with all other terms
         at their means."""
-        cause, b = self.causes[number], self.sizes_of(number)[0]
+        cause, b = self.causes[number], self.find_posterior(number)[0]
         parts = [self.machines[k] for k in self.levels.machines[cause.row]]
         information = np.concatenate([one.likely.A[:, cause.effect, cause.effect] for one in parts])
         left = np.concatenate([one.left[:, cause.effect] for one in parts])
@@ -217,9 +217,9 @@ class Season(NamedTuple):
         return left[inside] + information[inside] * (cause.columns @ b), information[inside]
 
 
-def list_factor_levels(logs: Logs) -> Levels:
+def list_factor_levels(logs: StackedLogs) -> FactorLevels:
     count, factors = len(logs.machines), sorted({name for log in logs.logs for name in log.shared})
-    keys, codes = [(MACHINE, name) for name in logs.machines], [logs.machine]
+    keys, codes = [(MACHINE_FACTOR, name) for name in logs.machines], [logs.machine]
     for factor in factors:
         of = [log.shared.get(factor, "") for log in logs.logs]
         number = {level: len(keys) + k for k, level in enumerate(sorted(set(of) - {""}))}
@@ -227,13 +227,13 @@ def list_factor_levels(logs: Logs) -> Levels:
         codes.append(np.array([number.get(level, -1) for level in of], np.int64))
     if count > 1:
         codes.append(np.full(len(logs.logs), len(keys), np.int64))
-        keys.append((FLEET, ""))
+        keys.append((FLEET_FACTOR, ""))
     each = list[Indices]()
     for code in codes:
         order = np.argsort(code, kind="stable")
         cuts = np.flatnonzero(np.diff(code[order])) + 1
         each += [part for part in np.split(order, cuts) if len(part) and code[part[0]] >= 0]
-    return Levels(
+    return FactorLevels(
         tuple(keys),
         {key: row for row, key in enumerate(keys)},
         np.stack(codes, axis=1),
@@ -243,7 +243,10 @@ def list_factor_levels(logs: Logs) -> Levels:
 
 
 def solve_season(
-    logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None
+    logs: StackedLogs,
+    levels: FactorLevels,
+    causes: Sequence[EffectAtLevel],
+    before: Season | None = None,
 ) -> Season:
     """Return the posterior of all terms: each machine's own terms are eliminated, the shared terms
     solved, and the own terms substituted.
@@ -256,7 +259,7 @@ def solve_season(
             mine[machine].append(number)
     several = [number for number, cause in enumerate(causes) if cause.row >= len(logs.machines)]
     place, total = {number: k for k, number in enumerate(several)}, len(several)
-    shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
+    shared, parts = ColumnProducts(np.zeros((total, total)), np.zeros(total)), list[MachineTerms]()
     for machine, numbers in enumerate(mine):
         # A machine's own terms come first.
         numbers.sort(key=lambda one: one in place)
@@ -287,14 +290,16 @@ def solve_season(
         logs,
         levels,
         tuple(causes),
-        tuple(_with_posterior(one, sizes) for one in parts),
+        tuple(_add_posterior(one, sizes) for one in parts),
         sizes,
         place,
     )
 
 
-def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachine:
-    here, q, width = logs.of(machine), len(logs.names), logs.every.s.shape[1]
+def _list_machine_terms(
+    logs: StackedLogs, machine: int, of: tuple[EffectAtLevel, ...]
+) -> MachineTerms:
+    here, q, width = logs.find_slice(machine), len(logs.names), logs.every.s.shape[1]
     count = here.stop - here.start
     variance, shares, own = np.zeros((count, width)), list[Array](), list[Array]()
     for cause in of:
@@ -308,7 +313,7 @@ def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...])
         variance[scatters, cause.effect] = np.maximum(
             variance[scatters, cause.effect], cause.scatter
         )
-    likely = Gaussian(logs.every.A[here], logs.every.s[here])
+    likely = ColumnProducts(logs.every.A[here], logs.every.s[here])
     if variance.any():
         likely = add_scatter(likely, variance)
     # Tolerances precede all other terms.
@@ -316,13 +321,13 @@ def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...])
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
     at = np.concatenate([open_, *(np.full(len(cause.sd), cause.effect) for cause in of)])
     cross, sd = likely.A[:, :, at] * share[:, None, :], np.concatenate([np.ones(len(open_)), *own])
-    products = Gaussian(
+    products = ColumnProducts(
         np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0)
     )
-    return OneMachine(
+    return MachineTerms(
         of,
         here,
-        Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
+        ColumnProducts(likely.A[:, :q, :q], likely.s[:, :q]),
         np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)),
         products,
         sd,
@@ -331,15 +336,17 @@ def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...])
     )
 
 
-def _eliminate_machine(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
+def _eliminate_machine(
+    products: ColumnProducts, own: Array
+) -> tuple[SizePosterior, Array, ColumnProducts]:
     """Return the posterior of a machine's own terms, their products with the other terms, and the
     remainder of the other terms."""
     first, rest = np.arange(len(own)), np.arange(len(own), products.s.shape[-1])
-    fit, across = products.of(first).fit(own), products.A[..., rest[:, None], first]
-    return fit, across, products.of(rest).beyond(across, fit)
+    fit, across = products.select_columns(first).fit(own), products.A[..., rest[:, None], first]
+    return fit, across, products.select_columns(rest).project_out(across, fit)
 
 
-def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
+def _add_posterior(one: MachineTerms, shared: SizePosterior) -> MachineTerms:
     fit, across, _ = one.alone
     # Sensitivity of the own terms to the shared terms.
     turn = fit.cov @ across.T
@@ -349,7 +356,7 @@ def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
     return one._replace(b=b, cov=cov, left=one.likely.s - np.einsum("qkn,k->nq", one.cross, b))
 
 
-def _estimate_scatter(logs: Logs, one: OneMachine) -> Array:
+def _estimate_scatter(logs: StackedLogs, one: MachineTerms) -> Array:
     """Return the variance (q,) by which sizes scatter from log to log, from their residuals without
     scatter."""
     information = np.diagonal(one.likely.A, axis1=1, axis2=2)
@@ -381,7 +388,7 @@ def fit_smooth_courses(rows: Array, score: Array, information: Array) -> tuple[A
 def _make_time_basis(times_d: Array) -> Array:
     """Return a time basis (logs, df): constant, time, and smooth curves; fewer columns for few
     logs."""
-    df = min(CURVE_DF, max(1, len(times_d) // LEAST_LOGS))
+    df = min(CURVE_DF, max(1, len(times_d) // MIN_LOGS_PER_DF))
     return np.asarray(
         np.cos(np.pi * np.outer(calc_season_shares(times_d), np.arange(df))), np.float64
     )
@@ -389,17 +396,18 @@ def _make_time_basis(times_d: Array) -> Array:
 
 def find_effect_row(name: str) -> EffectRow:
     """Return the catalogue row of an effect, or of one member's effect."""
-    return ROWS[name.partition("#")[0]]
+    return EFFECT_ROWS[name.partition("#")[0]]
 
 
-def list_slab_sds(logs: Logs) -> Array:
+def list_slab_sds(logs: StackedLogs) -> Array:
     """Return trial s.d. of present effects: (grid, q)."""
     return np.asarray(
-        np.array(GRID)[:, None] * [find_effect_row(name).usual for name in logs.names], np.float64
+        np.array(SLAB_SD_GRID)[:, None] * [find_effect_row(name).usual for name in logs.names],
+        np.float64,
     )
 
 
-def scan_season(season: Season) -> Scan:
+def scan_season(season: Season) -> SeasonScan:
     """Test every level and effect on top of the accepted causes.
 
     Each effect also scatters from log to log by the variance of its residual, which has rank one in
@@ -413,7 +421,7 @@ def scan_season(season: Season) -> Scan:
     )
     # Two further rows for each machine test a rising and a falling course.
     score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))
-    shared = Gaussian(np.zeros((q, total, total)), np.zeros((q, total)))
+    shared = ColumnProducts(np.zeros((q, total, total)), np.zeros((q, total)))
     places, values = list[Array](), list[Array]()
     doubts = dict[tuple[int, int], Array]()
     for machine, one in enumerate(season.machines):
@@ -423,14 +431,14 @@ def scan_season(season: Season) -> Scan:
         )
         weight = 1.0 / (1.0 + scatter * information)
         lost = one.cross * (scatter * weight).T[:, None, :]
-        products = Gaussian(
+        products = ColumnProducts(
             one.products.A - lost @ one.cross.swapaxes(1, 2),
             one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s),
         )
         fit, across, rest = _eliminate_machine(products, one.own)
         shared.A[:, one.place[:, None], one.place] += rest.A
         shared.s[:, one.place] += rest.s
-        which, has = _levels_of_machine(season, machine)
+        which, has = _list_machine_levels(season, machine)
         # The product has shape (q, levels, K).
         crossed = has.T @ (one.cross * weight.T[:, None, :]).swapaxes(1, 2)
         turned = crossed[..., :own] @ fit.cov
@@ -452,10 +460,10 @@ def scan_season(season: Season) -> Scan:
         took[:, k] += (
             np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
         )
-    information = np.where(raw - took > NOTHING * raw, raw - took, 0.0)
+    information = np.where(raw - took > MIN_INFORMATION_SHARE * raw, raw - took, 0.0)
     score = np.where(information > 0.0, score, 0.0)
-    shares = {key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}
-    return Scan(
+    shares = {key: each / np.maximum(raw[key[0]], MIN_INFORMATION) for key, each in doubts.items()}
+    return SeasonScan(
         score,
         information,
         *_calc_effect_odds(season, score, information, shares),
@@ -465,7 +473,7 @@ def scan_season(season: Season) -> Scan:
     )
 
 
-def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
+def _list_machine_levels(season: Season, machine: int) -> tuple[Indices, Array]:
     """Return the rows of the levels of a machine's logs, and the share (n, rows) of each; the last
     are a rise and a fall."""
     logs, rows, count = season.machines[machine].logs, len(season.levels.keys), len(season.machines)
@@ -481,7 +489,7 @@ def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
 
 def _collect_form_doubts(
     season: Season,
-    one: OneMachine,
+    one: MachineTerms,
     which: Indices,
     has: Array,
     information: Array,
@@ -537,13 +545,11 @@ def _calc_effect_odds(
     for cause in season.causes:
         for one in cause.alternatives:
             machines[season.logs.names.index(one.effect)] += one.probability * (
-                one.factor == MACHINE
+                one.factor == MACHINE_FACTOR
             )
         machines[cause.effect] += cause.row < count and not cause.alternatives
-    others = np.array([factor not in (MACHINE, FLEET) for factor, _ in levels.keys])
-    scale = np.array(
-        [find_effect_row(name).stage in OF_MACHINES_ONLY for name in season.logs.names]
-    )
+    others = np.array([factor not in (MACHINE_FACTOR, FLEET_FACTOR) for factor, _ in levels.keys])
+    scale = np.array([find_effect_row(name).stage in MACHINE_STAGES for name in season.logs.names])
     names = np.where(others[:, None] & scale, -np.inf, calc_urn_prior(machines))
     names = np.concatenate([names, names[:count], names[:count]])
     factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
@@ -564,17 +570,17 @@ def calc_urn_prior(counts: Array) -> Array:
     """Return the log prior odds (..., q) of each effect on a machine, by the number of other
     machines with the effect (Polya's urn)."""
     return np.asarray(
-        np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True))
+        np.log(LEVEL_PRIOR_PROB) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True))
     )
 
 
-def find_season_causes(logs: Logs) -> Season:
+def find_season_causes(logs: StackedLogs) -> Season:
     """Find the causes: greedily, then each tested again given all others, because a removed cause
     may have hidden another."""
     season = solve_season(logs, list_factor_levels(logs), ())
     if not logs.names:
         return season
-    for _ in range(SWEEPS):
+    for _ in range(SWEEP_COUNT):
         before = _list_named_pairs(season)
         season = _refit_each_cause(_add_sure_causes(season))
         if _list_named_pairs(season) == before:
@@ -588,11 +594,11 @@ def _list_named_pairs(season: Season) -> set[tuple[int, int]]:
 
 def _add_sure_causes(season: Season) -> Season:
     """Add all certain levels, of those that share no machine at a time."""
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         odds = scan_season(season).odds.copy()
         for cause in season.causes:
             odds[cause.row, cause.effect] = -np.inf
-        sure = np.argwhere(expit(odds) >= SURE)
+        sure = np.argwhere(expit(odds) >= MIN_REPORT_PROB)
         ranked = sure[np.argsort(-odds[sure[:, 0], sure[:, 1]], kind="stable")]
         new = [
             _make_rough_effect(season, row, effect)._replace(log_odds=float(odds[row, effect]))
@@ -608,7 +614,7 @@ def _add_sure_causes(season: Season) -> Season:
 
 
 def _skip_shared_machines(
-    levels: Levels, ranked: Iterable[tuple[int, int]]
+    levels: FactorLevels, ranked: Iterable[tuple[int, int]]
 ) -> Iterator[tuple[int, int]]:
     """Yield the level rows (with effects) that share no machine with an earlier one."""
     free = np.ones(int(levels.code[:, 0].max(initial=-1)) + 1, bool)
@@ -638,7 +644,7 @@ def _make_cause_terms(season: Season, numbers: Sequence[int]) -> Season:
     causes = list(season.causes)
     for number in numbers:
         cause = causes[number]
-        score, information = season.of_effect(number)
+        score, information = season.calc_effect_score(number)
         if cause.row < len(season.machines):
             known = information > 0.0
             at, score, information = cause.at[known], score[known], information[known]
@@ -652,7 +658,7 @@ def _make_cause_terms(season: Season, numbers: Sequence[int]) -> Season:
             course = find_partition(
                 times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0])
             )
-            columns, sds = _of_stretches(times_d, course, sd)
+            columns, sds = _make_stretch_columns(times_d, course, sd)
             causes[number] = cause._replace(
                 at=at, columns=columns, sd=sds, scatter=course.scatter, course=course
             )
@@ -691,7 +697,7 @@ def _choose_level_sd(season: Season, score: Array, information: Array, effect: i
     )
 
 
-def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
+def _make_stretch_columns(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
     """Return (n, k) and (k,): columns and prior s.d. of the level of each present stretch, and of
     its slope over the season."""
     columns, sds, shares = list[Array](), list[float](), calc_season_shares(times_d)
@@ -704,7 +710,7 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
             sds.append(sd)
         if stretch.kind == "line":
             columns.append(inside * (shares - shares[here].mean()))
-            sds.append(SLOPES * sd)
+            sds.append(SLOPE_SD_RATIO * sd)
     # The effect is absent in every stretch, so only scatter remains.
     if not columns:
         return np.ones((len(shares), 1)), np.array([sd])
@@ -719,7 +725,7 @@ def _refit_each_cause(season: Season) -> Season:
         set[tuple[int, int]](),
     )
     # The rounds take one cause of each machine that was not refitted yet.
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         keys = [(one.row, one.effect) for one in season.causes]
         turn = set(_skip_shared_machines(season.levels, [key for key in keys if key not in done]))
         if not turn:
@@ -732,10 +738,12 @@ def _refit_each_cause(season: Season) -> Season:
 
 
 def _replace_until_stable(
-    season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]
+    season: Season,
+    seen: Callable[[Season], Season],
+    asked: Callable[[Season, int], LevelEffects | None],
 ) -> Season:
     """Replace causes until no replacement is better."""
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         season = seen(season)
         other = {k: new for k in range(len(season.causes)) if (new := asked(season, k)) is not None}
         turn = set(_skip_shared_machines(season.levels, [(season.causes[k].row, k) for k in other]))
@@ -745,7 +753,7 @@ def _replace_until_stable(
     return season
 
 
-def _replace_causes(season: Season, by: dict[int, Keys]) -> Season:
+def _replace_causes(season: Season, by: dict[int, LevelEffects]) -> Season:
     """Replace some causes, by their number; an existing cause is not added twice."""
     causes, held = (
         list[EffectAtLevel](),
@@ -763,11 +771,11 @@ def _replace_causes(season: Season, by: dict[int, Keys]) -> Season:
     return _make_cause_terms(solve_season(season.logs, season.levels, causes, season), rough)
 
 
-def _find_replacement(season: Season, number: int) -> Keys | None:
+def _find_replacement(season: Season, number: int) -> LevelEffects | None:
     """Return the replacement of a cause: empty where the cause is no longer certain, None where it
     stays."""
     cause = season.causes[number]
-    if expit(cause.log_odds) < SURE:
+    if expit(cause.log_odds) < MIN_REPORT_PROB:
         return []
     held = _list_named_pairs(season) - {(cause.row, cause.effect)}
     keys = [
@@ -778,8 +786,8 @@ def _find_replacement(season: Season, number: int) -> Keys | None:
         (one for one in keys if one[:2] not in held),
         key=lambda one: (
             round(one[2].probability, 2),
-            one[2].factor == MACHINE,
-            -ORDER.index(find_effect_row(one[2].effect).id),
+            one[2].factor == MACHINE_FACTOR,
+            -EFFECT_ORDER.index(find_effect_row(one[2].effect).id),
         ),
     )
     return None if (row, effect) == (cause.row, cause.effect) else [(row, effect)]
@@ -790,7 +798,7 @@ def judge_season_causes(season: Season) -> Season:
     if not season.causes:
         return season
     seen, held = scan_season(season), _list_named_pairs(season)
-    tried = [_alternatives(season, seen, held, number) for number in range(len(season.causes))]
+    tried = [_list_alternatives(season, seen, held, number) for number in range(len(season.causes))]
     sets, prior = _share_probability(season.logs.names, [one for one, _ in tried])
     gained, odds = np.zeros(seen.odds.shape), list[float]()
     for cause, (_, own), of_effects in zip(season.causes, tried, prior, strict=True):
@@ -800,7 +808,7 @@ def judge_season_causes(season: Season) -> Season:
     return season._replace(
         causes=tuple(
             cause._replace(
-                alternatives=tuple(one for one in set_ if one.probability >= SHOWN),
+                alternatives=tuple(one for one in set_ if one.probability >= MIN_SHOWN_PROB),
                 log_odds=each - float(less[cause.row, cause.effect]),
             )
             for cause, set_, each in zip(season.causes, sets, odds, strict=True)
@@ -831,17 +839,17 @@ def _share_probability(
     )
     likely, mine = (
         np.array([one.probability for one in every]),
-        np.array([one.factor == MACHINE for one in every]),
+        np.array([one.factor == MACHINE_FACTOR for one in every]),
     )
     share, counts = np.zeros(len(every)), np.zeros((len(sets), len(names)))
-    for _ in range(URN_ROUNDS):
+    for _ in range(MAX_URN_ROUNDS):
         prior, before = calc_urn_prior(counts.sum(axis=0) - counts), share
         odds = likely + prior[of, effect]
         share = np.exp(odds - np.maximum.reduceat(odds, begins[:-1])[of])
         share = share / np.add.reduceat(share, begins[:-1])[of]
         counts = np.zeros_like(counts)
         np.add.at(counts, (of, effect), share * mine)
-        if np.max(np.abs(share - before)) < URN_SETTLED:
+        if np.max(np.abs(share - before)) < MAX_SETTLED_CHANGE:
             break
     found = [one._replace(probability=float(p)) for one, p in zip(every, share, strict=True)]
     return [
@@ -849,8 +857,8 @@ def _share_probability(
     ], prior
 
 
-def _alternatives(
-    season: Season, seen: Scan, held: set[tuple[int, int]], number: int
+def _list_alternatives(
+    season: Season, seen: SeasonScan, held: set[tuple[int, int]], number: int
 ) -> tuple[list[Alternative], float]:
     """Return the cause and its alternatives, with log likelihoods for probabilities, and the
     cause's own gain.
@@ -865,7 +873,7 @@ def _alternatives(
         season.causes[number],
         seen.odds > -np.inf,
     )
-    b, cov = season.sizes_of(number)
+    b, cov = season.find_posterior(number)
     precision, usual = np.linalg.inv(cov), list_slab_sds(logs)[0]
     own = season.machines[cause.row] if cause.row < len(season.machines) else None
     effects = np.array(
@@ -873,9 +881,11 @@ def _alternatives(
     )
     last = np.flatnonzero(np.any(cause.columns != 0.0, axis=1))[-1]
 
-    def gains(information: Array, score: Array, shared: Array, sd: Array) -> Sizes:
+    def gains(information: Array, score: Array, shared: Array, sd: Array) -> SizePosterior:
         pull = shared @ precision
-        return Gaussian(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(sd)
+        return ColumnProducts(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(
+            sd
+        )
 
     if own is None:
         here = np.array([season.place[number]])
@@ -920,7 +930,7 @@ def _alternatives(
         if own is None:
             shared = _calc_shared_covariance(seen, k, asked, here)[:, None]
         else:
-            which, has = _levels_of_machine(season, cause.row)
+            which, has = _list_machine_levels(season, cause.row)
             fit, across, _ = own.alone
             crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
             shared = (
@@ -938,7 +948,7 @@ def _alternatives(
             for j, row in enumerate(asked.tolist())
         ]
     most = max(likely for _, likely, *_ in tried)
-    temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
+    temper = 1.0 / (1.0 + COARSENING_SHARE * 2.0 * max(0.0, most))
     # The same effect of another level has the same error of form, so only different effects are
     # tempered.
     return [
@@ -949,13 +959,13 @@ def _alternatives(
     ], base[cause.effect]
 
 
-def _calc_shared_covariance(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
+def _calc_shared_covariance(seen: SeasonScan, effect: int, rows: Indices, terms: Indices) -> Array:
     """Return the covariance (rows, terms) of some shared terms, by the information that each row
     shares with all of them."""
     return np.asarray(seen.cross[effect][rows] @ seen.cov[effect][:, terms])
 
 
-def _split_by_machines(season: Season, number: int) -> Keys | None:
+def _split_by_machines(season: Season, number: int) -> LevelEffects | None:
     """Return the machines' own courses where they explain the season better than a shared level.
 
     The greedy search prefers a field to four machines that worked there when they were reset.
@@ -963,8 +973,13 @@ def _split_by_machines(season: Season, number: int) -> Keys | None:
     cause = season.causes[number]
     if cause.row < len(season.machines):
         return None
-    size = float(season.sizes_of(number)[0][0])
-    effect, whole, apart, other = cause.effect, np.log(PRIOR), 0.0, list[tuple[int, int]]()
+    size = float(season.find_posterior(number)[0][0])
+    effect, whole, apart, other = (
+        cause.effect,
+        np.log(LEVEL_PRIOR_PROB),
+        0.0,
+        list[tuple[int, int]](),
+    )
     information = 0.0
     for machine in season.levels.machines[cause.row].tolist():
         one = season.machines[machine]
@@ -985,8 +1000,8 @@ def _split_by_machines(season: Season, number: int) -> Keys | None:
         for each in (score, before):
             sd = _choose_level_sd(season, each[known], own[known], effect)
             gained.append(
-                np.log(PRIOR)
-                + gain_of_course(times_d, each[known] / own[known], 1.0 / own[known], sd)
+                np.log(LEVEL_PRIOR_PROB)
+                + calc_course_gain(times_d, each[known] / own[known], 1.0 / own[known], sd)
             )
         whole += max(0.0, gained[0])
         apart += max(0.0, gained[1])

@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.diagnosis.judgement.gaussian import Array
 
-from .effect_timelines import Cause, SeasonFit
+from .effect_timelines import SeasonCause, SeasonFit
 from .evidence import LogWork
-from .mixed import FLEET, MACHINE, Alternative
+from .mixed import FLEET_FACTOR, MACHINE_FACTOR, Alternative
 
 # Maximum p value for an operator whose hopper runs low more often than by chance.
-LOW_P = 1e-3
+MAX_LOW_P = 1e-3
 # Minimum number of logs of an operator.
-LEAST_OPERATOR_LOGS = 5
+MIN_OPERATOR_LOGS = 5
 # Minimum ratio to the other operators' minutes per hour.
-LOW_RATIO = 2.0
+MIN_LOW_RATIO = 2.0
 
 
-class OwnersLog(NamedTuple):
+class LogCostInput(NamedTuple):
     """One log with its evidence. percent: dose error per unit of an effect. shared: level of each
     factor."""
 
@@ -34,17 +34,17 @@ class OwnersLog(NamedTuple):
     shared: Mapping[str, str]
 
 
-class Cost(NamedTuple):
+class CauseCost(NamedTuple):
     """Mass that a cause spread wrongly, kg: expected value, lower bound by all alternatives, and
     upper bound by the costliest alternative."""
 
-    cause: Cause
+    cause: SeasonCause
     kg: float
     least_kg: float
     most_kg: float
 
 
-class MachineSeason(NamedTuple):
+class MachineCost(NamedTuple):
     """Cost of one machine. wrong_kg: expected mass spread too much or too little, over all causes
     with the probabilities of their sets.
 
@@ -65,10 +65,10 @@ class MachineSeason(NamedTuple):
     now_least: float
     now_most: float
     others_percent: float
-    costs: tuple[Cost, ...]
+    costs: tuple[CauseCost, ...]
 
 
-class Low(NamedTuple):
+class LowHopperOperator(NamedTuple):
     """An operator who works with a nearly empty hopper: minutes per hour, against the other
     operators."""
 
@@ -79,40 +79,43 @@ class Low(NamedTuple):
     p: float
 
 
-def rank_machines_by_cost(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
+def rank_machines_by_cost(logs: Sequence[LogCostInput], fit: SeasonFit) -> list[MachineCost]:
     """Return the machines by wrongly spread mass, worst first. A product's cause belongs to the
     product, and counts where the product was spread.
 
     The masses of effects are added in absolute value; in a log effects may compensate each other.
     """
-    result, by_machine = [], dict[str, list[OwnersLog]]()
+    result, by_machine = [], dict[str, list[LogCostInput]]()
     for log in logs:
         by_machine.setdefault(log.machine, []).append(log)
-    of_level = dict[tuple[str, str], list[Cause]]()
+    of_level = dict[tuple[str, str], list[SeasonCause]]()
     for cause in (*fit.courses, *fit.shared):
         of_level.setdefault((cause.factor, cause.level), []).append(cause)
     for machine, own in by_machine.items():
         own.sort(key=lambda one: (one.time_d, one.key))
         kg = np.array([one.worked.applied_kg for one in own])
         keys = [
-            (MACHINE, machine),
+            (MACHINE_FACTOR, machine),
             *sorted({key for one in own for key in one.shared.items()}),
-            (FLEET, ""),
+            (FLEET_FACTOR, ""),
         ]
         doses = {one: _calc_dose_errors(one, own) for key in keys for one in of_level.get(key, [])}
         none = np.zeros((3, len(own)))
         mine, others = (
-            sum((each for one, each in doses.items() if (one.factor == MACHINE) is its_own), none)
+            sum(
+                (each for one, each in doses.items() if (one.factor == MACHINE_FACTOR) is its_own),
+                none,
+            )
             for its_own in (True, False)
         )
         wrong, least, most = _sum_dose_error_kg(mine + others, kg)
         now, now_least, now_most = mine[:, -1].tolist()
         costs = sorted(
-            (Cost(one, *_sum_dose_error_kg(each, kg)) for one, each in doses.items()),
+            (CauseCost(one, *_sum_dose_error_kg(each, kg)) for one, each in doses.items()),
             key=lambda one: (-one.kg, -one.most_kg),
         )
         result.append(
-            MachineSeason(
+            MachineCost(
                 machine,
                 len(own),
                 sum(one.worked.hours for one in own),
@@ -135,19 +138,19 @@ def _sum_dose_error_kg(doses: Array, kg: Array) -> tuple[float, float, float]:
     return expected, least, most
 
 
-def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
+def _calc_dose_errors(cause: SeasonCause, own: Sequence[LogCostInput]) -> Array:
     """Return the dose error in % of each log, (3, n): expected value, lower bound by all
     alternatives, and the largest alternative.
 
     Another effect of the same level has the time course of the cause.
     """
     level = cause.factor, cause.level
-    set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.now, 1.0),)
+    set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.final_size, 1.0),)
     sizes = np.array([find_size_at(cause, one.time_d) * is_of_level(*level, one) for one in own])
     own_size = next(
         (one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
         # Sizes of alternatives refer to the last log with the cause.
-        cause.now,
+        cause.final_size,
     )
     doses = np.stack(
         [
@@ -174,14 +177,15 @@ def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
     )
 
 
-def is_of_level(factor: str, level: str, log: OwnersLog) -> bool:
+def is_of_level(factor: str, level: str, log: LogCostInput) -> bool:
     """Tell whether a log has a level."""
     return (
-        factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
+        factor == FLEET_FACTOR
+        or (log.machine if factor == MACHINE_FACTOR else log.shared.get(factor)) == level
     )
 
 
-def find_size_at(cause: Cause, time_d: float) -> float:
+def find_size_at(cause: SeasonCause, time_d: float) -> float:
     """Return the size at a time by the pieces of a course; constant before the first and after the
     last, and between two as at the start of the next."""
     if not cause.pieces:
@@ -190,12 +194,12 @@ def find_size_at(cause: Cause, time_d: float) -> float:
     return float(np.interp(time_d, (piece.begin_d, piece.end_d), (piece.begin, piece.end)))
 
 
-def is_still_there(cause: Cause) -> bool:
+def is_still_there(cause: SeasonCause) -> bool:
     """Tell whether the cause is present at the end: a repaired cause needs no action."""
-    return not cause.pieces or abs(cause.now) > cause.pieces[-1].end_half
+    return not cause.pieces or abs(cause.final_size) > cause.pieces[-1].end_half
 
 
-def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
+def find_low_hoppers(logs: Sequence[LogCostInput]) -> list[LowHopperOperator]:
     """Return the operators who work with a nearly empty hopper for longer than the others (test of
     Mann and Whitney)."""
     found, rates = [], dict[str, list[float]]()
@@ -207,7 +211,7 @@ def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
     all_logs, total = sum(map(len, rates.values())), sum(map(sum, rates.values()))
     for operator, own in rates.items():
         rest, mean = all_logs - len(own), sum(own) / len(own)
-        if min(len(own), rest) < LEAST_OPERATOR_LOGS or mean <= LOW_RATIO * (
+        if min(len(own), rest) < MIN_OPERATOR_LOGS or mean <= MIN_LOW_RATIO * (
             usual := (total - sum(own)) / rest
         ):
             continue
@@ -216,6 +220,6 @@ def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
 
         others = [rate for name, of in rates.items() if name != operator for rate in of]
         p = float(mannwhitneyu(own, others, alternative="greater").pvalue)
-        if p < LOW_P:
-            found.append(Low(operator, len(own), mean, usual, p))
+        if p < MAX_LOW_P:
+            found.append(LowHopperOperator(operator, len(own), mean, usual, p))
     return sorted(found, key=lambda one: (-one.minutes_per_hour, one.operator))

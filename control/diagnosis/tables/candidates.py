@@ -9,14 +9,14 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.effects import LAG_ASYMMETRY, ROWS
+from topdress.control.diagnosis.effects import EFFECT_ROWS, LAG_ASYMMETRY
 from topdress.control.diagnosis.judgement.prior import (
-    FAULTY,
-    LOCAL,
-    MISREAD,
-    MISTAKEN,
-    UNKNOWN,
-    calc_log_of_sign,
+    FAULT_PROB,
+    LOCAL_PROB,
+    MISREAD_PROB,
+    UNKNOWN_PROB,
+    WRONG_SETTING_PROB,
+    calc_sign_log_prior,
 )
 from topdress.control.machine.machine import CATALOGUE, find_size_bounds
 
@@ -24,13 +24,13 @@ from .problem import TableProblem
 from .table_series import Array, BoolArray, TableCandidate, TablePiece
 
 # Half-wave numbers of a dependence on a setting, from a slope to the finest shape.
-WAVES = (1, 2, 4, 12)
+HALF_WAVES = (1, 2, 4, 12)
 # Minimum norm of a column in units of the noise: an effect with less does not change these rows.
-MIN_LENGTH = 1e-9
+MIN_COLUMN_NORM = 1e-9
 # Maximum number of distinct values of a setting for each to have its own mean.
-LEVELS = 12
+MAX_LEVELS = 12
 # Correlation from which two columns are the same.
-ALIKE = 0.999
+EQUAL_CORRELATION = 0.999
 
 
 class TableEffect(NamedTuple):
@@ -51,11 +51,11 @@ class TableEffect(NamedTuple):
     low: float
     high: float
 
-    def log_of_sign(self, size: float) -> float:
-        return calc_log_of_sign(size, ROWS[self.candidate.id].only_adds)
+    def calc_sign_log_prior(self, size: float) -> float:
+        return calc_sign_log_prior(size, EFFECT_ROWS[self.candidate.id].only_adds)
 
 
-class Unknown(NamedTuple):
+class UnknownDependence(NamedTuple):
     """A dependence that no effect has. `columns`: (n, k), each with the prior s.d. `usual`, in
     units of the noise.
 
@@ -76,12 +76,12 @@ class Unknown(NamedTuple):
 
 def find_effects(problem: TableProblem) -> list[TableEffect]:
     """Return the effects that change these rows."""
-    _, slopes = problem.slopes()
+    _, slopes = problem.calc_slopes()
     columns = slopes / problem.sd[:, None]
     ids = len(dict.fromkeys(candidate.id for candidate in problem.candidates))
     found: list[TableEffect] = []
     for candidate, column in zip(problem.candidates, columns.T, strict=True):
-        if np.linalg.norm(column) < MIN_LENGTH:
+        if np.linalg.norm(column) < MIN_COLUMN_NORM:
             continue
         alike = [one for one in problem.candidates if one.id == candidate.id]
         members = len({one.member for one in alike})
@@ -91,7 +91,7 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
         ):
             # The other rows do not show the effect.
             continue
-        wide = 1.0 - LOCAL if any(one.scope is None for one in alike) else 0.0
+        wide = 1.0 - LOCAL_PROB if any(one.scope is None for one in alike) else 0.0
         share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
         forms, worth = _list_shape_columns(problem, candidate, column)
         low, high = _find_size_bounds(problem, candidate.id)
@@ -101,8 +101,8 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
                 column,
                 forms,
                 worth,
-                ROWS[candidate.id].on(problem.machine).usual,
-                log(FAULTY * share / ids / members),
+                EFFECT_ROWS[candidate.id].scale_to_machine(problem.machine).usual,
+                log(FAULT_PROB * share / ids / members),
                 low,
                 high,
             )
@@ -116,7 +116,7 @@ def _find_size_bounds(problem: TableProblem, effect_id: str) -> tuple[float, flo
     entry = CATALOGUE[effect_id]
     low, high = find_size_bounds(effect_id, problem.machine)
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
-    return (entry.neutral - has if ROWS[effect_id].only_adds else low), high
+    return (entry.neutral - has if EFFECT_ROWS[effect_id].only_adds else low), high
 
 
 def _list_shape_columns(
@@ -148,7 +148,7 @@ def _list_shape_columns(
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 
 
-def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
+def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[UnknownDependence]:
     """Return the unknown dependences: on every recorded setting of every piece, its labels, a
     constant, settings without order, and one setting alone."""
     known, found = _list_effect_bases(effects), []
@@ -162,19 +162,21 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
         )
         shapes = _list_dependence_shapes(problem, piece, inside, known)
         for name, several in shapes.items():
-            odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
+            odds = log(UNKNOWN_PROB / len(problem.pieces) / len(shapes) / len(several))
             found += [
-                Unknown(piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds)
+                UnknownDependence(
+                    piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds
+                )
                 for shape in several
             ]
         settings = np.unique(problem.setting[inside])
-        odds = log(MISTAKEN / len(problem.pieces) / max(1, len(settings)))
+        odds = log(WRONG_SETTING_PROB / len(problem.pieces) / max(1, len(settings)))
         for k in settings.tolist() if len(settings) > 1 else ():
             one = problem.setting == k
             found.append(
-                Unknown(
+                UnknownDependence(
                     piece.channel,
-                    _only_variable(piece),
+                    _find_single_variable(piece),
                     one.astype(float)[:, None],
                     usual,
                     odds,
@@ -183,12 +185,12 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
             )
         for row in np.flatnonzero(inside).tolist() if inside.sum() > 1 else ():
             found.append(
-                Unknown(
+                UnknownDependence(
                     piece.channel,
                     "",
                     (np.arange(len(inside)) == row).astype(float)[:, None],
                     usual,
-                    log(MISREAD / len(inside)),
+                    log(MISREAD_PROB / len(inside)),
                     misread=True,
                     at=(row,),
                 )
@@ -196,7 +198,7 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
     return found
 
 
-def _only_variable(piece: TablePiece) -> str:
+def _find_single_variable(piece: TablePiece) -> str:
     """Return the variable by which a piece's settings differ; "" for more than one."""
     names = [name for name in piece.variables if name != "replicate"]
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
@@ -212,12 +214,12 @@ def _list_dependence_shapes(
     for name, values in piece.variables.items():
         kinds = np.unique(values)
         place = (values - kinds[0]) / (kinds[-1] - kinds[0])
-        counts = [k for k in WAVES if k < len(kinds)]
+        counts = [k for k in HALF_WAVES if k < len(kinds)]
         found[name] = [
             _expand_to_all_rows(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1))))
             for k in counts
         ]
-        if 2 < len(kinds) <= LEVELS and 2 * len(kinds) <= rows:
+        if 2 < len(kinds) <= MAX_LEVELS and 2 * len(kinds) <= rows:
             found[name].append(
                 _expand_to_all_rows(inside, (values[:, None] == kinds).astype(float))
             )
@@ -230,8 +232,8 @@ def _list_dependence_shapes(
         ]
     found["constant"] = [_expand_to_all_rows(inside, np.ones((rows, 1)))]
     settings = np.unique(problem.setting[inside])
-    name = _only_variable(piece)
-    if 2 < len(settings) < rows and not (name and len(settings) <= LEVELS):
+    name = _find_single_variable(piece)
+    if 2 < len(settings) < rows and not (name and len(settings) <= MAX_LEVELS):
         each = np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)
         found[name] = [*found.get(name, []), each]
     return {
@@ -266,4 +268,4 @@ def _list_effect_bases(effects: list[TableEffect]) -> list[Array]:
 def _is_within_space(columns: Array, basis: Array) -> bool:
     """Tell whether all columns (n, k) lie in a space; the dependence then equals those effects."""
     inside = np.linalg.norm(basis.T @ columns, axis=0)
-    return bool(np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)))
+    return bool(np.all(inside >= EQUAL_CORRELATION * np.linalg.norm(columns, axis=0)))

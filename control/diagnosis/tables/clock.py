@@ -12,18 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
-from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.checks import FALSE_ALARM_PROB
 from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
 from .table_series import Array, find_first_best
 
 # Number of random draws of smooth scatter for the test of the quantogram's peak.
-DRAWS = 1500
+DRAW_COUNT = 1500
 # Number of draws that are calculated together.
-BATCH = 100
+BATCH_DRAWS = 100
 # The test stops after this number of draws that cluster as clearly, because noise then explains the
 # peak.
-MAX_REACHED = 5
+MAX_EXCEEDING_DRAWS = 5
 # Minimum standard deviation of the mean cosine, times sqrt(rows), under smooth scatter.
 MIN_SD = 0.3
 # Minimum number of times for the test.
@@ -34,33 +34,33 @@ STEPS_PER_TURN = 6.0
 # Bounds of the number of trial steps.
 MIN_STEPS, MAX_STEPS = 50, 3000
 # Number of printed digits in the smallest trial step.
-MIN_DIGITS = 8.0
+MIN_STEP_DIGITS = 8.0
 # Maximum step in units of the scatter, or of half the range of all times: larger steps have no
 # phases.
 MAX_SCATTERS = 4.0
 # Maximum multiple of the step at the peak that is tried.
 MAX_MULTIPLE = 12
 # Share of the highest mean cosine from which a multiple of the step is preferred.
-AS_CLEAR = 0.95
+MULTIPLE_SHARE = 0.95
 
 # Maximum number of distinct readings for the test of whole steps, where too little scatter is left
 # for the quantogram.
-MAX_VALUES = 3
+MAX_DISTINCT_VALUES = 3
 # Minimum number of rows for each distinct reading.
 MIN_ROWS_PER_VALUE = 6
 # P value for a single reading throughout: either a steady detector, or a coarse step.
-UNDECIDED = 0.5
+UNDECIDED_P = 0.5
 # Maximum number of steps within a distinct reading.
 MAX_STEPS_PER_VALUE = 39
 # Readings that agree to this number of digits are equal: nobody prints lags more finely.
-SAME_DIGITS = 7
+COMPARED_DIGITS = 7
 # A last digit of this size, s, is itself a clock step: nobody chooses such coarse digits.
 COARSE_DIGIT_S = 0.1
 # Resolution of printed times, s.
-PRINTED_S = 0.001
+PRINT_RESOLUTION_S = 0.001
 
 # Minimum scatter as a share of a step for the rounding to average out.
-DITHERED = 0.35
+MIN_DITHER_SHARE = 0.35
 
 
 class CoarseClock(NamedTuple):
@@ -77,12 +77,12 @@ class CoarseClock(NamedTuple):
 
     @property
     def shown(self) -> bool:
-        return self.p < LEVEL
+        return self.p < FALSE_ALARM_PROB
 
     @property
     def undecided(self) -> bool:
         """Whether all readings are equal: a step is then neither shown nor excluded."""
-        return self.p == UNDECIDED
+        return self.p == UNDECIDED_P
 
 
 def find_clock_step(
@@ -94,7 +94,7 @@ def find_clock_step(
     `digit_s`: the last printed digit, s; a digit of a tenth of a second or more is itself such a
     step.
     """
-    digit_s = PRINTED_S if digit_s >= COARSE_DIGIT_S else digit_s
+    digit_s = PRINT_RESOLUTION_S if digit_s >= COARSE_DIGIT_S else digit_s
     rows = len(times_s)
     few = _find_step_of_few_values(times_s, digit_s)
     if few is not None:
@@ -102,9 +102,9 @@ def find_clock_step(
     rest = times_s - fitted_s
     scatter = float(np.std(rest, ddof=1)) if rows > 1 else 0.0
     spread = float(np.std(times_s))
-    finest = max(MIN_DIGITS * digit_s, 0.1 * scatter)
+    finest = max(MIN_STEP_DIGITS * digit_s, 0.1 * scatter)
     coarsest = MAX_SCATTERS * max(scatter, 0.5 * spread)
-    if rows < MIN_ROWS or scatter <= 10.0**-SAME_DIGITS or coarsest <= 1.2 * finest:
+    if rows < MIN_ROWS or scatter <= 10.0**-COMPARED_DIGITS or coarsest <= 1.2 * finest:
         return None
     count = int((1.0 / finest - 1.0 / coarsest) * STEPS_PER_TURN * float(np.abs(times_s).max()))
     steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, MIN_STEPS), MAX_STEPS))
@@ -117,13 +117,13 @@ def find_clock_step(
     step = _find_coarsest_step(times_s, float(steps[::-1][find_first_best(z[::-1])]), coarsest)
     step, half = _refine_clock_step(times_s, step)
     # Steps whose full clustering would be significant among all trial steps.
-    shown = steps[ndtr((mean - 1.0) / sd) < LEVEL / len(steps)]
+    shown = steps[ndtr((mean - 1.0) / sd) < FALSE_ALARM_PROB / len(steps)]
     return CoarseClock(
         step,
         step - half,
         step + half,
         p,
-        _calc_heaping(times_s, step),
+        _calc_clustering(times_s, step),
         float(shown[0]) if len(shown) else None,
     )
 
@@ -131,20 +131,20 @@ def find_clock_step(
 def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None:
     """Return the step of many readings with few distinct values: whole steps and nothing
     between."""
-    kinds = np.unique(np.round(times, SAME_DIGITS))
+    kinds = np.unique(np.round(times, COMPARED_DIGITS))
     if (
         len(times) < MIN_ROWS
-        or len(kinds) > min(MAX_VALUES, len(times) // MIN_ROWS_PER_VALUE)
+        or len(kinds) > min(MAX_DISTINCT_VALUES, len(times) // MIN_ROWS_PER_VALUE)
         or kinds[0] <= 0.0
     ):
         return None
     gaps = np.diff(kinds)
-    if len(gaps) and gaps.min() < MIN_DIGITS * digit_s:
+    if len(gaps) and gaps.min() < MIN_STEP_DIGITS * digit_s:
         return None
     p = (
-        UNDECIDED
-        if len(gaps) == 0 and kinds[0] < 10.0 * MIN_DIGITS * digit_s
-        else 1.0 / (DRAWS + 1)
+        UNDECIDED_P
+        if len(gaps) == 0 and kinds[0] < 10.0 * MIN_STEP_DIGITS * digit_s
+        else 1.0 / (DRAW_COUNT + 1)
     )
     for count in range(1, MAX_STEPS_PER_VALUE + 1):
         step = float(kinds[0]) / count
@@ -163,7 +163,7 @@ def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None
 def find_rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
     """Return the s.d. of the rounding error that all replicates of a setting share, s; 0 where
     their scatter averages it out."""
-    if clock is None or not clock.shown or scatter_s >= DITHERED * clock.step_s:
+    if clock is None or not clock.shown or scatter_s >= MIN_DITHER_SHARE * clock.step_s:
         return 0.0
     return clock.step_s / float(np.sqrt(12.0))
 
@@ -188,12 +188,12 @@ def _calc_heaping_p_value(
     stops early."""
     rng = np.random.default_rng(seed)
     reached = drawn = 0
-    while drawn < DRAWS and reached < MAX_REACHED:
-        times = fitted + scatter * rng.standard_normal((BATCH, len(fitted)))
+    while drawn < DRAW_COUNT and reached < MAX_EXCEEDING_DRAWS:
+        times = fitted + scatter * rng.standard_normal((BATCH_DRAWS, len(fitted)))
         reached += int(
             np.sum(((_calc_quantogram(times, steps) - mean) / sd).max(axis=1) >= highest)
         )
-        drawn += BATCH
+        drawn += BATCH_DRAWS
     return (reached + 1) / (drawn + 1)
 
 
@@ -216,7 +216,7 @@ def _find_coarsest_step(times: Array, step: float, coarsest: float) -> float:
         if factor * step > coarsest:
             break
         tried = _find_peak_near(times, factor * step)
-        if _calc_heaping(times, tried) >= AS_CLEAR * _calc_heaping(times, step):
+        if _calc_clustering(times, tried) >= MULTIPLE_SHARE * _calc_clustering(times, step):
             best = tried
     return best
 
@@ -227,7 +227,7 @@ def _find_peak_near(times: Array, step: float) -> float:
     return float(near[int(np.argmax(_calc_quantogram(times[None, :], near)[0]))])
 
 
-def _calc_heaping(times: Array, step: float) -> float:
+def _calc_clustering(times: Array, step: float) -> float:
     return float(np.mean(np.cos(2.0 * np.pi * times / step)))
 
 

@@ -20,21 +20,21 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.start import calc_response_s
 from topdress.control.recordings.speeds import KMH_PER_MPS
 
-from .rows import UNCORRECTED, list_labels
+from .rows import UNCORRECTED_LABEL, list_labels
 from .table_series import Array, BoolArray, sort_best_first
 
 # Minimum number of shaft speeds that both tables have.
-MIN_SHARED = 5
+MIN_SHARED_SPEEDS = 5
 # Assumed standard error of a row without replicates, as a share of its value.
-UNREPEATED = 0.01
+UNREPEATED_SHARE = 0.01
 # Rounding error of a table's digits, as a share of the value.
-ROUNDED = 0.001
+ROUNDING_SHARE = 0.001
 # A row agrees within this number of standard errors.
-TWO_SE = 2.0
+AGREEMENT_SE = 2.0
 # A factor this close to 1, or a shift (s, m) this close to 0, counts as none.
-ALIKE = 0.002
+NEGLIGIBLE_CHANGE = 0.002
 # P value below which the other quantity is reported to fit less well (F test of the residuals).
-WORSE_P = 0.05
+MAX_WORSE_P = 0.05
 
 
 class LagSeries(NamedTuple):
@@ -100,9 +100,11 @@ def list_lag_series(table: BenchTable, machine: Machine) -> list[LagSeries]:
             if column == "drop_s":
                 means = means + [calc_response_s(machine, n) for n in rpm.tolist()]
             if column == "miss_m":
-                if label != UNCORRECTED:
+                if label != UNCORRECTED_LABEL:
                     name += " with what was corrected for"
-                means = means + _corrected_m(table, used & (label != UNCORRECTED), rpm, machine)
+                means = means + _calc_corrected_distance(
+                    table, used & (label != UNCORRECTED_LABEL), rpm, machine
+                )
             found.append(
                 LagSeries(
                     name,
@@ -119,7 +121,9 @@ def list_lag_series(table: BenchTable, machine: Machine) -> list[LagSeries]:
     return found
 
 
-def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine) -> Array:
+def _calc_corrected_distance(
+    table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine
+) -> Array:
     """Return the distance by which a correction was early, (n,) m: recorded speed times the
     corrected lag; 0 without a correction."""
     speed = table.find_speed_mps()
@@ -141,10 +145,10 @@ def _calc_standard_errors(groups: Sequence[Array], means: Array) -> Array:
     nothing was repeated."""
     spare = sum(len(group) - 1 for group in groups)
     if spare < 1:
-        return UNREPEATED * np.abs(means)
+        return UNREPEATED_SHARE * np.abs(means)
     pooled = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups) / spare
     errors = np.array([np.sqrt(pooled / len(group)) for group in groups])
-    return np.asarray(np.maximum(errors, ROUNDED * np.abs(means)))
+    return np.asarray(np.maximum(errors, ROUNDING_SHARE * np.abs(means)))
 
 
 def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
@@ -166,7 +170,7 @@ def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     if one.unit == "s" and two.unit == "m":
         one, two = two, one
     rpm = np.intersect1d(one.shaft_rpm, two.shaft_rpm)
-    if len(rpm) < MIN_SHARED:
+    if len(rpm) < MIN_SHARED_SPEEDS:
         return None
     a, ea = _interpolate_series(one, rpm)
     b, eb = _interpolate_series(two, rpm)
@@ -189,11 +193,11 @@ def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     middle = float(np.mean(best))
     half = float(stdtrit(len(rpm) - 1, 0.95) * np.std(best, ddof=1) / np.sqrt(len(rpm)))
     good = np.hypot(ea, float(np.mean(ratio)) * eb)
-    holds = int(np.sum(np.abs(left[order[0]]) <= TWO_SE * good))
+    holds = int(np.sum(np.abs(left[order[0]]) <= AGREEMENT_SE * good))
     sums = [float(np.sum(left[kind] ** 2)) for kind in order]
     worse = (
         len(order) > 1
-        and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < WORSE_P
+        and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < MAX_WORSE_P
     )
     other = order[1] if len(order) > 1 else ""
     return AcrossTables(
@@ -271,7 +275,7 @@ def describe_pair(pair: AcrossTables) -> str:
 
 def _is_same_quantity(pair: AcrossTables) -> bool:
     neutral = 1.0 if pair.kind == "factor" else 0.0
-    return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < ALIKE
+    return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < NEGLIGIBLE_CHANGE
 
 
 def _describe_interval(pair: AcrossTables, scale: float, form: str) -> str:

@@ -10,16 +10,16 @@ from topdress.control.calibration.bench_table import BenchTable, select_usable_r
 from topdress.control.diagnosis.result import Diagnosis, SourceSummary
 from topdress.control.machine.machine import Machine
 
-from .duplicate_rows import without_duplicates
-from .gain import held_out_gain, list_effects_not_shown, smallest_shown
+from .duplicate_rows import remove_duplicates
+from .gain import calc_held_out_gain, list_detectable_sizes, list_effects_not_shown
 from .problem import make_problem
 from .report import (
     find_next_run,
-    find_two_rates,
     find_verdict,
     list_causes,
     list_channels,
     list_findings,
+    plan_rate_change,
 )
 from .rows import make_table_pieces
 from .search import search_table_models
@@ -105,14 +105,14 @@ def diagnose_tables(
     tell = progress or (lambda share, what: None)
     tables = [select_usable_rows(table) for table in tables]
     _refuse_twins(tables)
-    once = without_duplicates(tables, machine)
+    once = remove_duplicates(tables, machine)
     pieces = [piece for table in once.tables for piece in make_table_pieces(table, machine)]
     tell(0.1, "noise and steps in the times")
     problem = make_problem(pieces, machine, seed + 20)
     tell(0.2, "search")
     found = search_table_models(problem)
     tell(0.6, "verdict")
-    smallest = smallest_shown(found)
+    smallest = list_detectable_sizes(found)
     judgement = judge_table_search(found, bool(smallest))
     causes = list_causes(problem, tables, judgement)
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
@@ -130,8 +130,8 @@ def diagnose_tables(
         causes=causes,
         not_shown=list_effects_not_shown(smallest, shown, machine),
         unexplained=judgement.unexplained,
-        next_run=find_next_run(problem, judgement) or find_two_rates(tables, machine),
-        gain=held_out_gain(found, judgement.effects, seed),
+        next_run=find_next_run(problem, judgement) or plan_rate_change(tables, machine),
+        gain=calc_held_out_gain(found, judgement.effects, seed),
         extended_machine=None,
         findings=list_findings(problem, tables, judgement, once.retellings),
     )

@@ -23,15 +23,21 @@ from topdress.control.calibration.bench_table import (
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speeds import KMH_PER_MPS
 
-from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, describe_pair, list_lag_series
+from .cross_calibration import (
+    MIN_SHARED_SPEEDS,
+    AcrossTables,
+    LagSeries,
+    describe_pair,
+    list_lag_series,
+)
 from .noise import find_quantum
 from .rows import list_labels
 from .table_series import BoolArray
 
 # Maximum last digit as a share of a value: coarser values agree by chance.
-FINE_SHARE = 0.005
+MAX_DIGIT_SHARE = 0.005
 # Columns that contain a complete measured lag.
-MEASURED = ("lag_m", "lag_s", "miss_m")
+MEASURED_COLUMNS = ("lag_m", "lag_s", "miss_m")
 
 
 class DuplicateRows(NamedTuple):
@@ -61,14 +67,14 @@ class WithoutDuplicates(NamedTuple):
     retellings: tuple[DuplicateRows, ...]
 
 
-def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
+def remove_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
     """Return the tables without repeated measurements.
 
     The series with most rows is kept, or the first of equally long series. Times calculated from
     distances of the same table become distances again, at the recorded speed.
     """
     of_table = [
-        [one for one in list_lag_series(table, machine) if one.column in MEASURED]
+        [one for one in list_lag_series(table, machine) if one.column in MEASURED_COLUMNS]
         if table.kind in ("lag", "place")
         else []
         for table in tables
@@ -94,7 +100,7 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
                 table.columns["shaft_rpm"], [] if again is None else again.kept.shaft_rpm
             )
             if worked_out is not None and bool((rows & ~twice).any()):
-                out.append(_as_distances(table, rows & ~twice, worked_out))
+                out.append(_restore_distances(table, rows & ~twice, worked_out))
                 twice = rows
             kept = _blank_column_rows(kept, series.column, twice)
         out.append(_drop_empty_rows(kept))
@@ -122,13 +128,13 @@ def match_duplicate_series(kept: LagSeries, again: LagSeries) -> DuplicateRows |
     rpm, at_distances, at_times = np.intersect1d(
         distances.shaft_rpm, times.shaft_rpm, return_indices=True
     )
-    if len(rpm) < MIN_SHARED:
+    if len(rpm) < MIN_SHARED_SPEEDS:
         return None
     a, b = distances.value[at_distances], times.value[at_times]
     digits = [find_quantum(series.printed) for series in (distances, times)]
     if (
         max(digits[0] / float(np.mean(np.abs(a))), digits[1] / float(np.mean(np.abs(b))))
-        > FINE_SHARE
+        > MAX_DIGIT_SHARE
     ):
         return None
     alike = kept.unit == again.unit
@@ -160,7 +166,7 @@ def _drop_empty_rows(table: BenchTable) -> BenchTable:
     return select_rows(table, np.any([np.isfinite(values) for values in measured], axis=0))
 
 
-def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
+def _restore_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
     """Convert times that were calculated with one speed back to distances, besides the recorded
     speed."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)

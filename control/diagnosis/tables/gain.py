@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtr, stdtrit
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
-from topdress.control.diagnosis.judgement.prior import smallest_said
+from topdress.control.diagnosis.judgement.prior import calc_detectable_size
 from topdress.control.diagnosis.result import Detectable, Gain, NotShown
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
@@ -19,14 +19,14 @@ from .search import Model, TableSearch, refine_table_model
 from .table_series import Array, BoolArray, IntArray, SizedEffect, TablePiece
 
 # Number of bootstrap resamples of the settings, for the interval of the gain.
-RESAMPLES = 400
+RESAMPLE_COUNT = 400
 # Minimum number of rows: a single row has no scatter.
 MIN_ROWS = 2
 # Minimum number of common settings of two labels that are compared.
 MIN_PAIRS = 3
 
 
-def held_out_gain(
+def calc_held_out_gain(
     search: TableSearch, effects: Sequence[SizedEffect], seed: int
 ) -> tuple[Gain, ...]:
     """Return the gain of each channel by leave-one-setting-out prediction with refitted sizes; 90 %
@@ -51,7 +51,7 @@ def held_out_gain(
         settings = np.unique(problem.setting[rows])
         drawn = [
             _calc_weighted_rms(after, problem.setting, rng.choice(settings, len(settings)), rows)
-            for _ in range(RESAMPLES)
+            for _ in range(RESAMPLE_COUNT)
         ]
         unit = next(piece.unit for piece in problem.pieces if piece.channel == channel)
         single = split & set(settings.tolist())
@@ -92,7 +92,7 @@ def _predict_held_out(
     model = Model(tuple(k for k, one in enumerate(search.effects) if one.candidate in named))
     for out in folds if len(folds) > 1 else ():
         sized = refine_table_model(problem, search.effects, search.unknowns, model, ~out).sized
-        off[out] = (problem.observed - problem.predicted(sized))[out]
+        off[out] = (problem.observed - problem.predict(sized))[out]
     return off
 
 
@@ -103,7 +103,7 @@ def _list_held_out_settings(
     member's effect."""
     only_one = len(np.unique(problem.setting)) == 1
     chosen = [effect.candidate for effect in effects]
-    slopes = problem._replace(candidates=tuple(chosen)).slopes()[1]
+    slopes = problem._replace(candidates=tuple(chosen)).calc_slopes()[1]
     own = [np.unique(problem.setting[column != 0.0]) for column in slopes.T]
     return frozenset(
         int(seen[0])
@@ -130,7 +130,7 @@ def list_effects_not_shown(
     )
 
 
-def smallest_shown(search: TableSearch) -> dict[str, float]:
+def list_detectable_sizes(search: TableSearch) -> dict[str, float]:
     """Return the smallest size, within its bounds, of each effect that these rows would show nine
     times in ten, by id."""
     problem, smallest = search.problem, dict[str, float]()
@@ -144,7 +144,7 @@ def smallest_shown(search: TableSearch) -> dict[str, float]:
             0.0,
             1.0 / se**2 - 1.0 / max(one.usual, abs(fit.sized[model.effects.index(k)].size)) ** 2,
         )
-        size = smallest_said(one.usual, information, one.log_odds)
+        size = calc_detectable_size(one.usual, information, one.log_odds)
         if size < max(abs(one.low), abs(one.high)):
             smallest[one.candidate.id] = max(size, smallest.get(one.candidate.id, 0.0))
     steps = [
@@ -157,7 +157,7 @@ def smallest_shown(search: TableSearch) -> dict[str, float]:
     return smallest
 
 
-class Contrast(NamedTuple):
+class LabelContrast(NamedTuple):
     """Difference of two labels beyond the model, with half of its 90 % interval."""
 
     piece: TablePiece
@@ -168,7 +168,7 @@ class Contrast(NamedTuple):
     p: float
 
 
-def label_contrasts(problem: TableProblem) -> list[Contrast]:
+def list_label_contrasts(problem: TableProblem) -> list[LabelContrast]:
     """Return the contrast of each label of a piece with its first label, setting by setting (paired
     t test)."""
     found = []
@@ -186,7 +186,9 @@ def label_contrasts(problem: TableProblem) -> list[Contrast]:
     return found
 
 
-def _calc_label_contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast | None:
+def _calc_label_contrast(
+    piece: TablePiece, rest: Array, one: str, other: str
+) -> LabelContrast | None:
     keys = list(
         zip(
             *[
@@ -207,7 +209,7 @@ def _calc_label_contrast(piece: TablePiece, rest: Array, one: str, other: str) -
         return None
     d = np.array(differences)
     se = max(float(d.std(ddof=1) / np.sqrt(len(d))), 1e-12)
-    return Contrast(
+    return LabelContrast(
         piece,
         one,
         other,

@@ -20,7 +20,7 @@ MIN_ROWS_TO_WINSORISE = 4
 
 # P value of the Brown-Forsythe test (1974) of equal variances below which settings get their own
 # weights.
-UNEQUAL_P = 0.005
+MAX_UNEQUAL_P = 0.005
 # Minimum number of replicates at a setting for its variance to be compared.
 MIN_ROWS_PER_VARIANCE = 5
 # Minimum s.d. of a setting, as a share of the common s.d.
@@ -32,7 +32,7 @@ MIN_PURE_DOF = 5
 
 # Replicates that differ by less than this share of their last digit, or of the farthest one, are
 # the same reading.
-NO_SCATTER = 1e-6
+MAX_EQUAL_SHARE = 1e-6
 
 
 class TableNoise(NamedTuple):
@@ -73,7 +73,7 @@ def _try_noise_spread(
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
     rounding = find_quantum(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
-    none = NO_SCATTER * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
+    none = MAX_EQUAL_SHARE * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
     winsorised, outliers = _winsorise_rows(relative, medians, setting, counts, none)
     means = np.bincount(setting, winsorised) / counts
     inside = winsorised - means[setting]
@@ -95,9 +95,9 @@ def _try_noise_spread(
         (k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
         for k in range(len(counts))
     )
-    unequal_p = _brown_forsythe(relative, setting, counts, none)
+    unequal_p = _calc_brown_forsythe_p(relative, setting, counts, none)
     factor = np.ones(len(relative))
-    if unequal_p is not None and unequal_p < UNEQUAL_P:
+    if unequal_p is not None and unequal_p < MAX_UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[
             setting
         ]
@@ -151,7 +151,7 @@ def smooth_by_settings(piece: TablePiece, values: Array) -> tuple[Array, int]:
     return np.asarray(design @ fit), int(np.linalg.matrix_rank(design))
 
 
-def resolution_of(values: Array) -> float:
+def find_resolution(values: Array) -> float:
     """Return the last printed digit."""
     return next(
         (10.0**-digits for digits in range(7) if _are_multiples_of(values, 10.0**-digits)), 0.0
@@ -169,7 +169,7 @@ def _are_multiples_of(values: Array, step: float) -> bool:
     return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
 
 
-def _brown_forsythe(
+def _calc_brown_forsythe_p(
     values: Array, setting: IntArray, counts: IntArray, none: float
 ) -> float | None:
     """Return the p value of the Brown-Forsythe test: F test of absolute deviations from the

@@ -8,8 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
-from .clock import DITHERED, CoarseClock, find_clock_step, find_rounding_sd
-from .noise import TableNoise, estimate_table_noise, find_quantum, resolution_of, smooth_by_settings
+from .clock import MIN_DITHER_SHARE, CoarseClock, find_clock_step, find_rounding_sd
+from .noise import (
+    TableNoise,
+    estimate_table_noise,
+    find_quantum,
+    find_resolution,
+    smooth_by_settings,
+)
 from .table_series import (
     Array,
     IntArray,
@@ -22,7 +28,7 @@ from .table_series import (
 
 # Minimum number of replicates beyond the first of each setting for their common rounding to be
 # modelled.
-MIN_SHARED = 4
+MIN_EXTRA_REPLICATES = 4
 # Minimum number of replicates whose median represents their true time.
 MIN_MEDIAN_ROWS = 3
 
@@ -63,7 +69,7 @@ class TableProblem(NamedTuple):
         """Lower bound of the rows' variance from their last digit, in units of sd squared."""
         return max(1e-9, min(noise.min_variance for noise in self.noise))
 
-    def predicted(self, effects: Sequence[SizedEffect]) -> Array:
+    def predict(self, effects: Sequence[SizedEffect]) -> Array:
         """Return the model's rows with the effects in the machine, each in its own scope."""
         out = self.nominal.copy()
         for index, piece in enumerate(self.pieces):
@@ -89,13 +95,13 @@ class TableProblem(NamedTuple):
     def scope_name(self, scope: int) -> str:
         return describe_scope(self.group_names[group] for group in sorted(self.scopes[scope]))
 
-    def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
+    def calc_slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
         """Return the rows under the effects, (n,), and their change per unit of each candidate's
         size, (n, c).
 
         For one of the effects itself the change is the mean slope from neutral to its size.
         """
-        base = self.predicted(effects)
+        base = self.predict(effects)
         columns = []
         for candidate in self.candidates:
             own = next(
@@ -104,7 +110,7 @@ class TableProblem(NamedTuple):
             )
             if own is not None:
                 columns.append(
-                    (base - self.predicted([effect for effect in effects if effect != own]))
+                    (base - self.predict([effect for effect in effects if effect != own]))
                     / own.size
                 )
                 continue
@@ -113,7 +119,7 @@ class TableProblem(NamedTuple):
                 calc_size_scale(candidate.id, self.machine)
                 * CATALOGUE[candidate.id].effect.probes[0]
             )
-            columns.append((self.predicted([*others, SizedEffect(candidate, step)]) - base) / step)
+            columns.append((self.predict([*others, SizedEffect(candidate, step)]) - base) / step)
         return base, np.column_stack([np.zeros((len(base), 0)), *columns])
 
 
@@ -203,15 +209,19 @@ def _find_clock_step(
         smooth_by_settings(piece, piece.observed)[0],
     )
     near = np.delete(np.arange(len(setting)), outliers)
-    return find_clock_step(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
+    return find_clock_step(
+        piece.observed[near], centres[near], find_resolution(piece.observed), seed
+    )
 
 
 def _calc_digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
     """Return the s.d. of the rounding error that replicates share because they scatter less than
     the last digit; 0 where they do not."""
     quantum = find_quantum(piece.observed)
-    repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
-    return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
+    repeated = len(setting) - len(np.unique(setting)) >= MIN_EXTRA_REPLICATES
+    return (
+        quantum / float(np.sqrt(12.0)) if repeated and scatter < MIN_DITHER_SHARE * quantum else 0.0
+    )
 
 
 def number_settings(piece: TablePiece) -> IntArray:
@@ -236,7 +246,9 @@ def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[
     names: dict[tuple[str, str], int] = {}
     rows = []
     for piece in pieces:
-        rows += [names.setdefault((piece.table, text), len(names)) for text in piece.group.tolist()]
+        rows += [
+            names.setdefault((piece.table_name, text), len(names)) for text in piece.group.tolist()
+        ]
     return np.array(rows), tuple(names)
 
 

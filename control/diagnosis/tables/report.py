@@ -10,21 +10,25 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.calibration.bench_table import LAG_COLUMNS, BenchTable
 from topdress.control.diagnosis.cost import (
-    WITHOUT_MODEL,
+    COST_WITHOUT_MODEL,
     OperatingPoint,
-    find_consequence,
-    rate_error_percent,
+    calc_consequence,
+    calc_rate_error,
 )
 from topdress.control.diagnosis.effects import (
+    EFFECT_ROWS,
     LAG_COARSE_CLOCK,
     LAG_OFFSET,
     PLACE_LATENCY,
     PLACE_LEVER_ARM,
-    ROWS,
     SHAFT_DEAD_TIME,
 )
 from topdress.control.diagnosis.judgement.evidence import Z90
-from topdress.control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED
+from topdress.control.diagnosis.judgement.prior import (
+    MIN_LISTED_PROB,
+    MIN_NAMED_PROB,
+    SEPARATION_SD,
+)
 from topdress.control.diagnosis.result import (
     Cause,
     Channel,
@@ -44,25 +48,25 @@ from topdress.control.machine.start import calc_response_s
 from .clock import CoarseClock
 from .cross_calibration import compare_lag_series
 from .duplicate_rows import DuplicateRows, describe_duplicates
-from .gain import label_contrasts
-from .noise import MAX_ROBUST_SD, UNEQUAL_P
+from .gain import list_label_contrasts
+from .noise import MAX_ROBUST_SD, MAX_UNEQUAL_P
 from .problem import TableProblem
 from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, add_effects
 from .verdict import Judgement, NamedEffect
 
 # Effects that add the same time to every row, as the steps of a coarse clock may do.
-CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)
+CONSTANT_TIME_IDS = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)
 # P value below which labels are reported to differ.
-CONTRAST_P = 0.01
+MAX_CONTRAST_P = 0.01
 # Ratio of a setting's scatter to the usual scatter from which the setting is reported.
-OUTSTANDING = 2.0
+MIN_SCATTER_RATIO = 2.0
 # Maximum number of rows and of settings that a finding lists.
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 # Minimum number of rows for a setting's scatter to be reported.
-MIN_ROWS_SAID = 4
+MIN_REPORTED_ROWS = 4
 # Maximum number of tests of a plan: an afternoon's work.
 MAX_TESTS = 3
-Pair = tuple[SizedEffect, SizedEffect]
+RivalPair = tuple[SizedEffect, SizedEffect]
 
 
 def list_causes(
@@ -76,7 +80,7 @@ def list_causes(
     if clocks:
         causes.append(_make_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
 
-    return tuple(sorted(causes, key=lambda cause: find_consequence(cause.field_cost), reverse=True))
+    return tuple(sorted(causes, key=lambda cause: calc_consequence(cause.field_cost), reverse=True))
 
 
 def find_verdict(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
@@ -92,7 +96,7 @@ def _make_table_cause(problem: TableProblem, one: NamedEffect, speed: float | No
     candidate, size = one.effect
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
-    if candidate.id in CONSTANT_TIMES and any(
+    if candidate.id in CONSTANT_TIME_IDS and any(
         clock is not None and clock.undecided for clock in problem.clocks
     ):
         # No information separates a clock from all other causes, so the clock gets half of the
@@ -190,7 +194,7 @@ def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None
     )
 
 
-def find_two_rates(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
+def plan_rate_change(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
     """Return a test with a change between two rates where only starts were measured, because starts
     say nothing about the tube."""
     lags = [table for table in tables if table.kind == "lag"]
@@ -233,7 +237,7 @@ def _describe_next_run(plan: NextTests) -> NextRun:
     )
 
 
-def _join_rival_names(pairs: Sequence[Pair]) -> str:
+def _join_rival_names(pairs: Sequence[RivalPair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
@@ -249,7 +253,7 @@ def list_findings(
     repeats them.
     """
     ids = {effect.candidate.id for effect in judgement.effects}
-    out = [text for table in tables for text in _not_judged_sentences(table)]
+    out = [text for table in tables for text in _describe_unjudged(table)]
     if judgement.verdict == "not_judged":
         out += [
             f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
@@ -257,8 +261,8 @@ def list_findings(
         ]
     out += [text for table in tables for text in table.findings]
     for index, piece in enumerate(problem.pieces):
-        out += _noise_sentences(problem, index, piece)
-    out += _label_sentences(problem)
+        out += _describe_noise(problem, index, piece)
+    out += _describe_labels(problem)
     out += describe_duplicates(compare_lag_series(tables, problem.machine), retellings)
     out += [
         f"{piece.name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine "
@@ -273,8 +277,8 @@ def list_findings(
         for candidate, size in judgement.effects
         if candidate.scope is not None
     ]
-    out += _settings_sentences(problem, judgement)
-    if judgement.named and not judgement.unexplained and judgement.unknown >= LISTED:
+    out += _describe_settings(problem, judgement)
+    if judgement.named and not judgement.unexplained and judgement.unknown >= MIN_LISTED_PROB:
         out.append(
             "something that no effect describes may be there as well (probability "
             f"{judgement.unknown:.2f})"
@@ -285,7 +289,7 @@ def list_findings(
         out.append(
             f"nearest effect: {near}, but its size would have to lie outside {low:g} to {high:g} "
             f"{describe_unit(near, problem.machine)}"
-            + (", or be negative" if ROWS[near].only_adds else "")
+            + (", or be negative" if EFFECT_ROWS[near].only_adds else "")
         )
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
         out.append(
@@ -293,12 +297,12 @@ def list_findings(
             "place table; a lag "
             "table tells them apart"
         )
-    if len(problem.observed) < MIN_ROWS_SAID:
+    if len(problem.observed) < MIN_REPORTED_ROWS:
         out.append(f"only {len(problem.observed)} rows: only large effects can be shown")
     return tuple(out)
 
 
-def _not_judged_sentences(table: BenchTable) -> list[str]:
+def _describe_unjudged(table: BenchTable) -> list[str]:
     """Return findings about measured columns without a number."""
     return [
         f"{f'{table.path} {name}'.strip()}: not judged: no row has a number"
@@ -309,7 +313,7 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
     ]
 
 
-def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
+def _describe_noise(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
     """Return findings about outliers, and about settings with more scatter than others."""
     out = []
     noise = problem.noise[index]
@@ -320,12 +324,12 @@ def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> li
             "from their replicates "
             f"({shown} {piece.unit}) and count only as far as {MAX_ROBUST_SD:g} robust s.d."
         )
-    if noise.unequal_p is None or noise.unequal_p >= UNEQUAL_P:
+    if noise.unequal_p is None or noise.unequal_p >= MAX_UNEQUAL_P:
         return out
     own = problem.setting[problem.piece == index]
     first = int(own.min())
     usual = float(np.median([s for _, _, s in noise.setting_sd]))
-    loud = [(k, s) for k, rows, s in noise.setting_sd if s > OUTSTANDING * usual and rows > 2]
+    loud = [(k, s) for k, rows, s in noise.setting_sd if s > MIN_SCATTER_RATIO * usual and rows > 2]
     loud.sort(key=lambda one: -one[1])
     where = "; ".join(
         f"{_describe_setting(piece, own == k + first)}: {s:.3g}"
@@ -340,10 +344,10 @@ def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> li
     return out
 
 
-def _label_sentences(problem: TableProblem) -> list[str]:
+def _describe_labels(problem: TableProblem) -> list[str]:
     out = []
-    for piece, one, other, difference, half, p in label_contrasts(problem):
-        word = "differs from" if p < CONTRAST_P else "does not differ from"
+    for piece, one, other, difference, half, p in list_label_contrasts(problem):
+        word = "differs from" if p < MAX_CONTRAST_P else "does not differ from"
         out.append(
             f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: "
             f"{difference:+.3g} "
@@ -352,13 +356,13 @@ def _label_sentences(problem: TableProblem) -> list[str]:
     return out
 
 
-def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str]:
+def _describe_settings(problem: TableProblem, judgement: Judgement) -> list[str]:
     """Return findings about a deviation common to the rows of one setting that the model does not
     contain."""
     model = judgement.model or judgement.search.best
-    if model.posterior.settings_share < NAMED:
+    if model.posterior.settings_share < MIN_NAMED_PROB:
         return []
-    rest = problem.observed - problem.predicted(judgement.effects)
+    rest = problem.observed - problem.predict(judgement.effects)
     out = []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
@@ -389,8 +393,8 @@ class NextTests(NamedTuple):
     test of the plan separates."""
 
     tests: tuple[Experiment[Array], ...]
-    pairs: tuple[Pair, ...]
-    unsettled: tuple[Pair, ...]
+    pairs: tuple[RivalPair, ...]
+    unsettled: tuple[RivalPair, ...]
     # Smallest separation of a settled pair by the tests, in s.d.; None where no test separates any.
     apart_sd: float | None
 
@@ -421,7 +425,7 @@ def find_separating_tests(
             for a, b in pairs
         ]
     )
-    found = choose_experiments(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
+    found = choose_experiments(apart, [one.minutes for one in every], SEPARATION_SD, MAX_TESTS)
     return NextTests(
         tuple(every[k] for k in found.tests),
         pairs,
@@ -440,9 +444,9 @@ def calc_table_field_cost(
     scale. A lag calculated from distances at a wrong speed is wrong. The cost of the heads' effects
     depends on the crop and is None.
     """
-    costs = ROWS[effect.candidate.id].costs
-    if costs in WITHOUT_MODEL:
-        return WITHOUT_MODEL[costs]
+    costs = EFFECT_ROWS[effect.candidate.id].costs
+    if costs in COST_WITHOUT_MODEL:
+        return COST_WITHOUT_MODEL[costs]
     changed = add_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_SPEED_MPS
     points = (
@@ -450,7 +454,7 @@ def calc_table_field_cost(
             machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed
         ),
     )
-    rate = rate_error_percent(machine, points, changed, points)
+    rate = calc_rate_error(machine, points, changed, points)
     learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
     place = (
         speed * (_calc_start_lag_s(changed) - _calc_start_lag_s(machine))

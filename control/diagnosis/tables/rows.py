@@ -44,24 +44,24 @@ from topdress.control.machine.start import calc_change_response_s, calc_response
 from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
 
 # Label words for a start with an empty tube.
-EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
+EMPTY_WORDS = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 # Label words for a change of a running shaft.
-RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})
+RUNNING_WORDS = frozenset({"running", "change", "full", "filled", "flowing"})
 # Label words for a rise of the rate.
-UP = frozenset({"up", "rise", "rising", "increase"})
+RISE_WORDS = frozenset({"up", "rise", "rising", "increase"})
 # Label words for a fall of the rate.
-DOWN = frozenset({"down", "fall", "falling", "decrease"})
+FALL_WORDS = frozenset({"down", "fall", "falling", "decrease"})
 # Alternative shapes of a rise: start as a share of full_rpm, and power.
-FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))
-UNCORRECTED = "before"
+RISE_SHAPES = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))
+UNCORRECTED_LABEL = "before"
 # Share of the median mass below which even proportional noise is constant.
-SMALL_SHARE = 0.1
+MIN_MASS_SHARE = 0.1
 # Minimum number of speeds (of a fall-off) or times (of warming up) beyond the free shapes:
 # otherwise the shapes fit exactly.
-MIN_LEVELS_LEFT = 3
+MIN_FREE_LEVELS = 3
 # Number of flute passages in the shortest catch above which no catch shows a pulsation.
 MAX_PASSAGES = 3.0
-WEIGHED = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
+WEIGHED_EFFECTS = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
 # Assumed time since switch-on, s, where the table does not say: the heads are warm.
 WARM_S = 100.0 * WARM_UP_S
 # NDVI of a dense canopy at which the catalogue defines the loss of a head.
@@ -73,7 +73,7 @@ WARM_UP_RATES = (0.5, 2.0, 0.25)
 # Labels: rows that belong together, and the state before a change of the rate.
 
 
-class Roles(NamedTuple):
+class RowRoles(NamedTuple):
     """Roles of rows. `start`: (n,) 1 for an empty tube. `change`: (n,) +1 after a rise, -1 after a
     fall, 0 for unknown.
 
@@ -101,13 +101,13 @@ def find_label_column(table: BenchTable) -> str:
     return table.label_column or "label"
 
 
-def read_roles(table: BenchTable) -> Roles:
+def read_roles(table: BenchTable) -> RowRoles:
     """Read labels and previous speeds; start and direction are known only where both of their cases
     occur."""
     label, running = list_labels(table), table.find_running_rows()
     words = np.array([str(text).strip().lower() for text in label], dtype=object)
-    empty, running_said = np.isin(words, list(EMPTY)), np.isin(words, list(RUNNING))
-    up, down = np.isin(words, list(UP)), np.isin(words, list(DOWN))
+    empty, running_said = np.isin(words, list(EMPTY_WORDS)), np.isin(words, list(RUNNING_WORDS))
+    up, down = np.isin(words, list(RISE_WORDS)), np.isin(words, list(FALL_WORDS))
     if running.any():
         before, after = table.columns["before_rpm"], table.columns["shaft_rpm"]
         empty, up, down = ~running, running & (after > before), running & (after < before)
@@ -116,7 +116,7 @@ def read_roles(table: BenchTable) -> Roles:
     else:
         starts = bool(empty.any() and running_said.any() and (empty | running_said).all())
         directions = bool(up.any() and down.any() and (up | down).all())
-    return Roles(
+    return RowRoles(
         np.where(starts & empty, 1.0, 0.0),
         np.where(directions, up * 1.0 - down * 1.0, 0.0),
         running,
@@ -203,7 +203,7 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
     )
 
 
-def _list_lag_effects(name: str, roles: Roles) -> tuple[str, ...]:
+def _list_lag_effects(name: str, roles: RowRoles) -> tuple[str, ...]:
     """Return the effects that a column of lags can show."""
     drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
     response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
@@ -215,7 +215,7 @@ def _list_lag_effects(name: str, roles: Roles) -> tuple[str, ...]:
     return tuple(row.id for row in (*drops, *response, *(by_label if drops else ()), *distance))
 
 
-def _list_scoped_effects(name: str, roles: Roles) -> tuple[str, ...]:
+def _list_scoped_effects(name: str, roles: RowRoles) -> tuple[str, ...]:
     """Return the effects that may hold for one label only; empty where the labels give the start of
     a change.
 
@@ -227,7 +227,7 @@ def _list_scoped_effects(name: str, roles: Roles) -> tuple[str, ...]:
     return tuple(i for i in ids if i in (SHAFT_DEAD_TIME.id, LAG_OFFSET.id, LAG_SPEED_SCALE.id))
 
 
-def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
+def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: RowRoles) -> Array:
     """Return the lag of each row, s: the machine's model with its effects, without the scale of
     distances.
 
@@ -255,14 +255,14 @@ def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: Roles) -> Arra
 def list_rise_shapes(rpm: Array, full_rpm: float) -> Array:
     """Return alternative shapes of a rise at high shaft speed, (n, k)."""
     return np.column_stack(
-        [np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER]
+        [np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in RISE_SHAPES]
     )
 
 
 # Places: landing minus target position along the travel (lag paper, tables 5 and 6).
 
 
-def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """Return one piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
 
     A correction is a distance that control calculated from its lag and the speed that it assumed,
@@ -280,7 +280,9 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     assert speed is not None
     label = list_labels(table)
     roles = read_roles(table)
-    corrected = np.where(label == UNCORRECTED, 0.0, predict_lag_s(machine, rpm, "lag_s", roles))
+    corrected = np.where(
+        label == UNCORRECTED_LABEL, 0.0, predict_lag_s(machine, rpm, "lag_s", roles)
+    )
     if "corrected_lag_s" in table.columns:
         given = table.columns["corrected_lag_s"]
         corrected = np.where(np.isfinite(given), given, corrected)
@@ -331,7 +333,7 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
 # Catches: mass from a turning shaft in a given time, all outlets together or each by itself.
 
 
-def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """Return one piece: mass_kg. The replicates decide whether its noise is constant, proportional
     to the mass, or between."""
     columns = table.columns
@@ -354,7 +356,7 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     spreads = (
         np.ones(table.rows),
         np.hypot(share, 1.0) / np.sqrt(2.0),
-        np.hypot(share, SMALL_SHARE),
+        np.hypot(share, MIN_MASS_SHARE),
     )
     wide = machine.model_copy(
         update={
@@ -372,7 +374,7 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     }
     if outlet is not None:
         variables["outlet"] = outlet
-    candidates = _catch_candidates(
+    candidates = _list_catch_candidates(
         outlet,
         pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES and len(np.unique(lasts_s)) > 2),
     )
@@ -413,7 +415,7 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     )
 
 
-def _catch_candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandidate, ...]:
+def _list_catch_candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandidate, ...]:
     outlets = [] if outlet is None else [int(k) for k in np.unique(outlet) if k == int(k)]
     return (
         *(TableCandidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
@@ -461,7 +463,7 @@ def _list_falloff_shapes(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm
     return np.column_stack(
         [
             nominal * shape
-            for shape in shapes[: max(1, len(np.unique(tested_rpm)) - MIN_LEVELS_LEFT)]
+            for shape in shapes[: max(1, len(np.unique(tested_rpm)) - MIN_FREE_LEVELS)]
         ]
     )
 
@@ -491,7 +493,7 @@ def _fit_pulse_phase(mass: Array, nominal: Array, angle: Array) -> float:
 # Plots: target and applied mass (decision paper, table 2).
 
 
-def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """Return one piece: applied_kg. The model gives the metering, the wheel the speed, the hopper
     scale the applied mass."""
     columns = table.columns
@@ -537,7 +539,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             (np.ones(table.rows),),
             list_labels(table),
             find_label_column(table),
-            tuple(TableCandidate(row.id) for row in WEIGHED),
+            tuple(TableCandidate(row.id) for row in WEIGHED_EFFECTS),
             (),
             list_varying(variables),
             {
@@ -576,7 +578,7 @@ def _count_shaft_turns(table: BenchTable, machine: Machine, mean_mps: float) -> 
 # Heads: reading of each canopy head over references of known NDVI.
 
 
-def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """Return one piece: ndvi. Warm-up can show only where the table states how long the heads had
     been on."""
     columns = table.columns
@@ -599,7 +601,7 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
         TableCandidate(CANOPY_SATURATION.id),
         *([TableCandidate(CANOPY_WARM_UP.id)] if timed else []),
     ]
-    rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_LEVELS_LEFT)]
+    rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_FREE_LEVELS)]
     forms = {
         CANOPY_SATURATION.id: _list_flattening_shapes(reference),
         CANOPY_WARM_UP.id: np.column_stack(
@@ -652,16 +654,16 @@ def _list_flattening_shapes(reference: Array) -> Array:
     )
 
 
-_BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
+_PIECE_MAKERS: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
     "lag": make_lag_pieces,
-    "catch": catch_pieces,
-    "weigh": weigh_pieces,
-    "heads": heads_pieces,
-    "place": place_pieces,
+    "catch": make_catch_pieces,
+    "weigh": make_weigh_pieces,
+    "heads": make_heads_pieces,
+    "place": make_place_pieces,
 }
 
 
 def make_table_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """Return a piece for each measured column of a usable table
     (control.calibration.bench_table.usable)."""
-    return _BY_KIND[table.kind](table, machine)
+    return _PIECE_MAKERS[table.kind](table, machine)

@@ -1,9 +1,9 @@
 """Finds the probable models of bench tables: every effect, every pair, triples of the best, with
 and without an unknown dependence, by log evidence (judgement/rows.py) and prior odds.
 
-The search uses slopes at the nominal machine. The models within `WINDOW` of the best are then
-refitted at their own sizes (Gauss-Newton), because effects multiply one another. A size out of its
-bounds cannot be a size of that effect: an unknown dependence resembles the effect.
+The search uses slopes at the nominal machine. The models within `MAX_SCORE_DEFICIT` of the best are
+then refitted at their own sizes (Gauss-Newton), because effects multiply one another. A size out of
+its bounds cannot be a size of that effect: an unknown dependence resembles the effect.
 """
 
 from __future__ import annotations
@@ -14,42 +14,46 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.judgement.gaussian import Gaussian
-from topdress.control.diagnosis.judgement.prior import UNKNOWN, find_size_log_weight, find_size_sd
+from topdress.control.diagnosis.judgement.gaussian import ColumnProducts
+from topdress.control.diagnosis.judgement.prior import (
+    UNKNOWN_PROB,
+    find_size_log_weight,
+    find_size_sd,
+)
 from topdress.control.diagnosis.judgement.rows import (
     Posterior,
-    TableRows,
+    RowProducts,
     calc_posterior,
     make_table_rows,
     mix_posteriors,
 )
 
-from .candidates import TableEffect, Unknown, find_effects, list_unknowns
+from .candidates import TableEffect, UnknownDependence, find_effects, list_unknowns
 from .problem import TableProblem
 from .table_series import Array, BoolArray, IntArray, SizedEffect, sort_best_first
 
 # Maximum number of simultaneous effects.
 MAX_EFFECTS = 3
 # Maximum deficit in log odds of a counted model (Madigan and Raftery 1994).
-WINDOW = 7.0
+MAX_SCORE_DEFICIT = 7.0
 # Maximum number of models that are refitted at their own sizes.
 MAX_MODELS_REFITTED = 40
 # Maximum number of models to which a third effect, or an unknown dependence, is added.
 MAX_MODELS_EXTENDED = 12
 # Number of rows, and of settings, that are tried as misread or set wrongly.
-FARTHEST = 3
+MAX_TRIED_ROWS = 3
 # Maximum number of tables without replicates that have their own factor on their noise.
 MAX_TABLES_WITH_OWN_NOISE = 2
 # Prior probability that an effect has another shape than the catalogue's.
-FREE = 0.5
+FREE_SHAPE_PROB = 0.5
 # Standard deviation of a parameter that is fixed at zero.
-NO_FREEDOM = 1e-6
+FIXED_SD = 1e-6
 # Ridge as a share of a column's norm: it limits the sizes of nearly equal columns.
-RIDGE = 1e-3
+RIDGE_SHARE = 1e-3
 # Maximum number of Gauss-Newton rounds.
-ROUNDS = 3
+MAX_ROUNDS = 3
 # Maximum change of a size in a converged round, in s.d.
-SETTLED = 1e-3
+MAX_SETTLED_SD = 1e-3
 
 
 class Model(NamedTuple):
@@ -90,7 +94,7 @@ class TableSearch(NamedTuple):
 
     problem: TableProblem
     effects: tuple[TableEffect, ...]
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownDependence, ...]
     fitted: tuple[FittedModel, ...]
     probability: tuple[float, ...]
 
@@ -119,10 +123,10 @@ def search_table_models(problem: TableProblem) -> TableSearch:
     )
 
 
-class _SideBySide(NamedTuple):
+class _ColumnMatrix(NamedTuple):
     """All columns as one matrix, with the column indices of each component."""
 
-    rows: TableRows
+    rows: RowProducts
     y: Array
     columns: Array
     tolerances: int
@@ -135,10 +139,10 @@ def _stack_all_columns(
     problem: TableProblem,
     y: Array,
     effects: Sequence[TableEffect],
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[UnknownDependence],
     kept: BoolArray | None = None,
     whole: bool = True,
-) -> _SideBySide:
+) -> _ColumnMatrix:
     """Stack the columns of all components.
 
     kept : (n,) rows that are used; None for all. whole : whether pieces without replicates have
@@ -170,7 +174,7 @@ def _stack_all_columns(
         if whole
         else (),
     )
-    return _SideBySide(
+    return _ColumnMatrix(
         rows,
         y,
         columns,
@@ -182,9 +186,9 @@ def _stack_all_columns(
 
 
 def _list_probable_models(
-    problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]
+    problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[UnknownDependence]
 ) -> list[Model]:
-    """Return the models within WINDOW of the best, by slopes at the nominal machine."""
+    """Return the models within MAX_SCORE_DEFICIT of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
     table = _stack_all_columns(problem, y, effects, unknowns, whole=False)
     scores: dict[Model, float] = {}
@@ -218,14 +222,17 @@ def _list_probable_models(
             ]
         )
     for one in [Model(()), *leading()]:
-        tried([Model(one.effects, k) for k in _worth_trying(table, effects, unknowns, one)])
+        tried([Model(one.effects, k) for k in _list_likely_unknowns(table, effects, unknowns, one)])
     best = max(scores.values())
-    kept = [one for one in scores if scores[one] > best - WINDOW]
+    kept = [one for one in scores if scores[one] > best - MAX_SCORE_DEFICIT]
     return [kept[k] for k in sort_best_first([scores[one] for one in kept])[:MAX_MODELS_REFITTED]]
 
 
-def _worth_trying(
-    table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model
+def _list_likely_unknowns(
+    table: _ColumnMatrix,
+    effects: Sequence[TableEffect],
+    unknowns: Sequence[UnknownDependence],
+    model: Model,
 ) -> list[int]:
     """Return the unknown dependences to try in a model: of single rows and settings those with the
     largest residuals."""
@@ -238,11 +245,11 @@ def _worth_trying(
         single.sort(
             key=lambda k: -float(np.mean(left[list(unknowns[k].at)])) * len(unknowns[k].at) ** 0.5
         )
-        kept += single[:FARTHEST]
+        kept += single[:MAX_TRIED_ROWS]
     return kept
 
 
-def _list_model_columns(table: _SideBySide, model: Model) -> IntArray:
+def _list_model_columns(table: _ColumnMatrix, model: Model) -> IntArray:
     """Return the column indices of a model: its effects, their shapes, its unknown dependence,
     tolerances."""
     none = np.zeros(0, np.int64)
@@ -266,9 +273,9 @@ def _is_possible_set(effects: Sequence[TableEffect]) -> bool:
 
 
 def score_table_model(
-    table: _SideBySide,
+    table: _ColumnMatrix,
     effects: Sequence[TableEffect],
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[UnknownDependence],
     model: Model,
     sizes: bool = True,
 ) -> tuple[float, Posterior]:
@@ -283,10 +290,10 @@ def score_table_model(
     index = _list_model_columns(table, model)
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
     # Sizes by least squares, with the tolerances limited by their priors.
-    least = table.rows.products.of(index)
-    trust = RIDGE * np.maximum(np.diag(least.A[0]), 1e-12)
+    least = table.rows.products.select_columns(index)
+    trust = RIDGE_SHARE * np.maximum(np.diag(least.A[0]), 1e-12)
     trust[len(index) - table.tolerances :] = 1.0
-    guess = Gaussian(least.A[0], least.s[0]).fit(1.0 / np.sqrt(trust)).b
+    guess = ColumnProducts(least.A[0], least.s[0]).fit(1.0 / np.sqrt(trust)).b
     log_odds = 0.0
     sd = np.ones(len(index))
     at = len(chosen)
@@ -295,7 +302,9 @@ def score_table_model(
         sd[k] = find_size_sd(size, one.usual)
         sd[at : at + one.forms.shape[1]] = abs(size)
         at += one.forms.shape[1]
-        log_odds += one.log_odds + find_size_log_weight(size, one.usual) + one.log_of_sign(size)
+        log_odds += (
+            one.log_odds + find_size_log_weight(size, one.usual) + one.calc_sign_log_prior(size)
+        )
     if model.unknown is not None:
         other = unknowns[model.unknown]
         size = float(np.sqrt(np.mean(guess[at : at + strange] ** 2)))
@@ -304,27 +313,29 @@ def score_table_model(
     free = calc_posterior(table.rows, index, sd, sizes)
     if at == len(chosen):
         return free.log_evidence + log_odds, free
-    sd[len(chosen) : at] = NO_FREEDOM
-    found = mix_posteriors(free, calc_posterior(table.rows, index, sd, sizes), FREE)
+    sd[len(chosen) : at] = FIXED_SD
+    found = mix_posteriors(free, calc_posterior(table.rows, index, sd, sizes), FREE_SHAPE_PROB)
     return found.log_evidence + log_odds, found
 
 
 def refine_table_model(
     problem: TableProblem,
     effects: Sequence[TableEffect],
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[UnknownDependence],
     model: Model,
     kept: BoolArray | None = None,
 ) -> FittedModel:
     """Refit a model at its own sizes. kept : (n,) rows of the fit; None for all."""
     chosen = [effects[k] for k in model.effects]
-    other: tuple[Unknown, ...] = () if model.unknown is None else (unknowns[model.unknown],)
+    other: tuple[UnknownDependence, ...] = (
+        () if model.unknown is None else (unknowns[model.unknown],)
+    )
     alone = problem._replace(candidates=tuple(one.candidate for one in chosen))
     own = Model(tuple(range(len(chosen))), None if model.unknown is None else 0)
     sized: tuple[SizedEffect, ...] = ()
     here = list(chosen)
-    for _ in range(ROUNDS if chosen else 1):
-        base, slopes = alone.slopes(sized)
+    for _ in range(MAX_ROUNDS if chosen else 1):
+        base, slopes = alone.calc_slopes(sized)
         y = problem.observed - base
         for k, (_, size) in enumerate(sized):
             y = y + size * slopes[:, k]
@@ -342,12 +353,13 @@ def refine_table_model(
         )
         se = np.sqrt(np.diag(found.covariance))[: len(here)]
         if before and all(
-            abs(a.size - b.size) < SETTLED * e for a, b, e in zip(sized, before, se, strict=True)
+            abs(a.size - b.size) < MAX_SETTLED_SD * e
+            for a, b, e in zip(sized, before, se, strict=True)
         ):
             break
     outside = tuple(k for k, one in enumerate(here) if not one.low < sized[k].size < one.high)
-    score += sum(log(UNKNOWN / len(effects)) - here[k].log_odds for k in outside)
-    shown, errors = _at_definition(here, found, sized)
+    score += sum(log(UNKNOWN_PROB / len(effects)) - here[k].log_odds for k in outside)
+    shown, errors = _convert_to_definition(here, found, sized)
     strange = len(here) + sum(one.forms.shape[1] for one in here)
     signal = (
         other[0].columns @ found.mean[strange : strange + other[0].columns.shape[1]]
@@ -361,7 +373,7 @@ def refine_table_model(
     )
 
 
-def _at_definition(
+def _convert_to_definition(
     here: Sequence[TableEffect], found: Posterior, sized: Sequence[SizedEffect]
 ) -> tuple[tuple[SizedEffect, ...], tuple[float, ...]]:
     """Return sizes and their s.d. where the catalogue defines them, for an effect of any fitted

@@ -17,7 +17,7 @@ BoolArray = npt.NDArray[np.bool_]
 # (a constant extra lag, and a dead time that one table alone has), and the last bits, which differ
 # between processors, would choose between them. Rounding changes a sum over the rows by some 1e-12;
 # different causes differ by more than a millionth of their sum of squares.
-TIED = 1e-6
+EQUAL_SCORE_SHARE = 1e-6
 
 
 class TableCandidate(NamedTuple):
@@ -75,7 +75,7 @@ class TablePiece(NamedTuple):
     named_only: frozenset[str] = frozenset()
 
     @property
-    def table(self) -> str:
+    def table_name(self) -> str:
         """Name of the table with the column."""
         return self.name.rsplit(" ", 1)[0]
 
@@ -93,7 +93,7 @@ def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id:
     """Tell whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only
-    own = describe_group(piece.table, label)
+    own = describe_group(piece.table_name, label)
     return own == scope or own in scope.split(SCOPE_AND)
 
 
@@ -132,7 +132,7 @@ def find_first_best(scores: Sequence[float] | Array) -> int:
     not decide."""
     values = np.asarray(scores, np.float64)
     highest = float(values.max())
-    least = highest - TIED * abs(highest) if np.isfinite(highest) else highest
+    least = highest - EQUAL_SCORE_SHARE * abs(highest) if np.isfinite(highest) else highest
     return int(np.flatnonzero(values >= least)[0])
 
 

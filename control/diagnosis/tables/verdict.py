@@ -5,10 +5,10 @@ unexplained, not judged.
 - none: the model without effects is more probable than all others together.
 - unexplained: of the probability of any deviation, models with an unknown dependence, or with an
 effect of an
-  impossible size, have NAMED.
+  impossible size, have MIN_NAMED_PROB.
 - named: every effect of the most probable model without an unknown dependence is in models that
 together have
-  NAMED of the probability; otherwise the verdict is ambiguous.
+  MIN_NAMED_PROB of the probability; otherwise the verdict is ambiguous.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.judgement.prior import LISTED, NAMED
+from topdress.control.diagnosis.judgement.prior import MIN_LISTED_PROB, MIN_NAMED_PROB
 from topdress.control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
 from .gain import MIN_ROWS
@@ -35,7 +35,7 @@ class TableRival(NamedTuple):
 
 class NamedEffect(NamedTuple):
     """One effect of the most probable model. `se`: s.d. of its size; `rivals`: of probability
-    LISTED or more."""
+    MIN_LISTED_PROB or more."""
 
     effect: SizedEffect
     se: float
@@ -97,7 +97,7 @@ def _choose_reported_model(search: TableSearch, nothing: float, unknown: float) 
     known = next((one for one in some if not one.is_unknown), None)
     if strange is None or known is None:
         return some[0]
-    return strange if unknown >= NAMED * (1.0 - nothing) else known
+    return strange if unknown >= MIN_NAMED_PROB * (1.0 - nothing) else known
 
 
 def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
@@ -125,9 +125,9 @@ def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect
         [
             TableRival(key[0], sizes.get(key), p)
             for key, p in shares.items()
-            if p >= (LISTED if key in sizes else 1.0 - NAMED)
+            if p >= (MIN_LISTED_PROB if key in sizes else 1.0 - MIN_NAMED_PROB)
         ]
-        if mine < NAMED
+        if mine < MIN_NAMED_PROB
         else []
     )
     return NamedEffect(
@@ -142,7 +142,7 @@ def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplai
         return ()
     problem = search.problem
     inside = tuple(effect for k, effect in enumerate(model.sized) if k not in model.outside)
-    left = (problem.observed - problem.predicted(inside)) / problem.sd
+    left = (problem.observed - problem.predict(inside)) / problem.sd
     share = min(1.0, float(np.sum(model.unknown_signal**2)) / max(float(np.sum(left**2)), 1e-300))
     if model.model.unknown is not None and not model.misread:
         shares: dict[tuple[str, str], float] = {}
