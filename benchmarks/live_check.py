@@ -35,7 +35,7 @@ from hidden.programmes import Programme, chosen, drive
 from hidden.run_cases import LEAST_KG, within_tolerance
 from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S, LiveCheck
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 Columns = dict[str, npt.NDArray[Any]]
 PROMISED = 1.0  # false alarms in 100 hours, at most
@@ -69,7 +69,7 @@ def log_of(
 
 def lines(columns: Columns) -> Iterator[tuple[float, str, str]]:
     """(time, channel, cause) whenever the line on the Run page would change to say something."""
-    check, time_s = LiveCheck(load_config("huanghai", MACHINE).model), columns["time_s"]
+    check, time_s = LiveCheck(load_config("huanghai", MACHINE_KIND).model), columns["time_s"]
     last = None
     for at_s in np.arange(
         time_s[0] + CHECK_INTERVAL_S, time_s[-1] + CHECK_INTERVAL_S, CHECK_INTERVAL_S

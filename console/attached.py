@@ -17,15 +17,15 @@ from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 # Longest name: two names and an order fit into 80 columns, cut where needed.
-NAME_CHARACTERS = 32
+MAX_NAME_CHARACTERS = 32
 NAME_VARIABLE = "TOPDRESS_NAME"
 # Name of a console that sends no name.
-UNNAMED = "console"
+DEFAULT_NAME = "console"
 # Number of orders in a frame: a dialog of 24 rows can show them.
-LATEST = 8
+MAX_LATEST_ORDERS = 8
 
 
-class Attached(NamedTuple):
+class AttachedConsole(NamedTuple):
     """Describes an attached console. `orders` tells whether it has sent the token, `keeps` whether
     it sent a sign of life within 2 s, so that the machine continues."""
 
@@ -35,7 +35,7 @@ class Attached(NamedTuple):
     keeps: bool = False
 
 
-class Ordered(NamedTuple):
+class ExecutedOrder(NamedTuple):
     """Describes an order that was executed. `time_s` is the time of its row in the log."""
 
     do: str
@@ -50,16 +50,16 @@ def clean_name(name: object) -> str:
     text = name if isinstance(name, str) else ""
     plain = "".join(
         one if one.isprintable() and one not in ';,"' else " "
-        for one in text[: 10 * NAME_CHARACTERS]
+        for one in text[: 10 * MAX_NAME_CHARACTERS]
     )
-    return " ".join(plain.split())[:NAME_CHARACTERS].strip()
+    return " ".join(plain.split())[:MAX_NAME_CHARACTERS].strip()
 
 
 def make_unique_name(name: str, others: Collection[str]) -> str:
     """Returns the name, with a number appended where another console has it."""
     if name not in others:
         return name
-    found = (f"{name[: NAME_CHARACTERS - 4]} #{number}" for number in range(2, len(others) + 3))
+    found = (f"{name[: MAX_NAME_CHARACTERS - 4]} #{number}" for number in range(2, len(others) + 3))
     return next(one for one in found if one not in others)
 
 
@@ -93,13 +93,13 @@ def _find_terminal_name() -> str:
     return ""
 
 
-def format_attached_event(one: Attached) -> str:
+def format_attached_event(one: AttachedConsole) -> str:
     """Returns the log's event for a console that attaches."""
     kind = "tablet" if one.tablet else "console"
     return f"attached {one.name}, {kind}{'' if one.orders else ', looks only'}"
 
 
-def read_orders(events: str | None, time_s: float) -> Iterator[Ordered]:
+def read_orders(events: str | None, time_s: float) -> Iterator[ExecutedOrder]:
     """Returns the orders in a cell of events, with the name of the console that gave each; an order
     without a name is omitted."""
     values: dict[str, str] = {}
@@ -107,6 +107,6 @@ def read_orders(events: str | None, time_s: float) -> Iterator[Ordered]:
         word, _blank, value = event.strip().partition(" ")
         do = word.removesuffix("_by")
         if word != do and do in values:
-            yield Ordered(do, values.pop(do), value, time_s)
+            yield ExecutedOrder(do, values.pop(do), value, time_s)
         else:
             values[word] = value

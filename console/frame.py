@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from topdress.console.attached import Attached, Ordered
+from topdress.console.attached import AttachedConsole, ExecutedOrder
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
@@ -21,7 +21,7 @@ from topdress.control.safety import Allowances, BenchRun
 from topdress.drivers.device_status import DeviceStatus
 
 # Smallest area with a mean rate: 1 m2.
-LEAST_AREA_HA = 1e-4
+MIN_AREA_HA = 1e-4
 
 
 class DeviceDo(StrEnum):
@@ -170,20 +170,18 @@ class Frame:
     # Number of consoles that keep the machine working; 0 if not sent.
     consoles: int = 0
     # Consoles and tablets, in the order in which they attached.
-    attached: tuple[Attached, ...] = ()
+    attached: tuple[AttachedConsole, ...] = ()
     # The latest executed orders, the newest last.
-    ordered: tuple[Ordered, ...] = ()
+    ordered: tuple[ExecutedOrder, ...] = ()
     # Effort of the metering drive, and the level at which its alarms begin.
     effort: EffortFinding = NO_EFFORT_FINDING
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
-        """Mean rate on the worked area, kg/ha; None below `LEAST_AREA_HA`. Mass that was released
+        """Mean rate on the worked area, kg/ha; None below `MIN_AREA_HA`. Mass that was released
         while commanded to stop is excluded."""
         stopped_kg = 0.0 if self.totals is None else self.totals.stopped_kg
-        return (
-            (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_AREA_HA else None
-        )
+        return (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > MIN_AREA_HA else None
 
 
 _NAMED_TUPLES = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips", "effort")

@@ -14,18 +14,18 @@ from __future__ import annotations
 import gc
 
 # Number of living objects that make a freeze worthwhile: some 20 ms of a collection.
-LEAST_OBJECTS = 20_000
+MIN_FREEZE_OBJECTS = 20_000
 # Largest number of freezes: once for each page, and some more; each keeps at most 2 MB that could
 # be freed.
-MOST_FREEZES = 12
+MAX_FREEZES = 12
 
 
 class FreezeSchedule:
     """Freezes the long-lived objects of a console. `freeze_after_sweep` is called often, because
     little garbage can arise between a collection and the next call."""
 
-    def __init__(self, lives: int = LEAST_OBJECTS) -> None:
-        self.left, self._lives = MOST_FREEZES, lives
+    def __init__(self, lives: int = MIN_FREEZE_OBJECTS) -> None:
+        self.left, self._lives = MAX_FREEZES, lives
         self._seen = _count_full_sweeps()
 
     def freeze_after_sweep(self) -> None:

@@ -20,14 +20,14 @@ from topdress.console.attached import find_own_name
 from topdress.console.frame import DeviceDo, Frame, parse_frame
 from topdress.console.locale import _
 from topdress.console.running import WorkerAddress
-from topdress.console.worker_handshake import HOST, LINE_BYTES
+from topdress.console.worker_handshake import MAX_FRAME_BYTES, WORKER_HOST
 from topdress.control.orders import Answer, Order
 
 # Interval of the keep-alive, s. The worker holds after 2 s of silence, so the console may draw for
 # nearly 2 s.
-KEEP_ALIVE_S = 0.2
+KEEP_ALIVE_PERIOD_S = 0.2
 # Time-out of an answer; the loop answers at its next tick.
-ANSWER_S = 0.5
+ANSWER_TIMEOUT_S = 0.5
 
 
 class WorkerGone(ConnectionError):
@@ -72,7 +72,7 @@ class Link:
         worker's end is closed."""
         try:
             reader, self._writer = await asyncio.open_connection(
-                HOST, self.where.port, limit=LINE_BYTES
+                WORKER_HOST, self.where.port, limit=MAX_FRAME_BYTES
             )
         except OSError as error:
             self._gone.set()
@@ -101,7 +101,7 @@ class Link:
             self._waiting.clear()
         raise WorkerGone(_("the connection to the machine broke off"))
 
-    async def send_order(self, order: Order, timeout_s: float = ANSWER_S) -> Answer:
+    async def send_order(self, order: Order, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Gives an order and returns the worker's answer.
 
         `no_answer` means that no answer arrived in time; the order may yet be executed, and the
@@ -110,20 +110,20 @@ class Link:
         return await self._request_answer({"do": order.do.value, "value": order.value}, timeout_s)
 
     async def send_device_order(
-        self, name: str, do: DeviceDo, timeout_s: float = ANSWER_S
+        self, name: str, do: DeviceDo, timeout_s: float = ANSWER_TIMEOUT_S
     ) -> Answer:
         """Gives an order for one device, by its name in the frame; its DeviceView shows the result.
         Answers and errors are those of `send_order`."""
         return await self._request_answer({"device": name, "act": do.value}, timeout_s)
 
-    async def send_lag_test_order(self, begin: bool, timeout_s: float = ANSWER_S) -> Answer:
+    async def send_lag_test_order(self, begin: bool, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Begins or ends the lag test, which measures while the state is calibrating. Answers and
         errors are those of `send_order`."""
         return await self._request_answer(
             {"ask": "lag_test" if begin else "end_lag_test"}, timeout_s
         )
 
-    async def request_stats(self, timeout_s: float = ANSWER_S) -> dict[str, float]:
+    async def request_stats(self, timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, float]:
         """Returns the punctuality of the worker's loop (`console.worker.host`) and counts of
         requests that its link refused. Raises TimeoutError."""
         said = await self._send_request({"ask": "stats"}, timeout_s)
@@ -188,7 +188,9 @@ class Link:
             return
         if self.shows():
             self._write_message(next(self._numbers), {"ask": "alive"})
-        self._next_word = asyncio.get_running_loop().call_later(KEEP_ALIVE_S, self._send_keep_alive)
+        self._next_word = asyncio.get_running_loop().call_later(
+            KEEP_ALIVE_PERIOD_S, self._send_keep_alive
+        )
 
 
 class ComingLink(Link):

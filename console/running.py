@@ -18,16 +18,16 @@ from pathlib import Path
 
 from topdress.console.locale import _
 from topdress.console.worker_handshake import (
-    GREETING,
     GREETING_TIMEOUT_S,
-    LINE_BYTES,
+    MAX_FRAME_BYTES,
+    WORKER_GREETING,
     is_still_running,
     read_greeting,
 )
 from topdress.drivers.files.lock import take_lock
 
 # Interval at which a missing run file is searched again, s.
-POLL_S = 0.02
+RUN_FILE_POLL_S = 0.02
 # Time-out of a start, s, because opening devices may be slow.
 START_TIMEOUT_S = 20.0
 # Folder of the session folders (pam_systemd(8)).
@@ -129,11 +129,11 @@ def find_running_worker(run_file: Path | None = None) -> WorkerAddress | None:
             pass
         except WorkerFailed as error:
             wrong = error
-        if time.monotonic() + POLL_S > until_s:
+        if time.monotonic() + RUN_FILE_POLL_S > until_s:
             if wrong is not None:
                 raise wrong
             return None
-        time.sleep(POLL_S)
+        time.sleep(RUN_FILE_POLL_S)
 
 
 def _confirm_greeting(where: WorkerAddress, until_s: float) -> WorkerAddress:
@@ -147,7 +147,7 @@ def _confirm_greeting(where: WorkerAddress, until_s: float) -> WorkerAddress:
                 "program {pid}"
             ).format(pid=where.pid)
         )
-    if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
+    if greeting.get("hello") != WORKER_GREETING or greeting.get("pid") != where.pid:
         raise WorkerFailed(
             _(
                 "the machine that runs on this computer does not listen on its port {port}: "
@@ -184,7 +184,7 @@ def _is_lock_free(path: Path) -> bool:
 
 def _read_run_file(path: Path) -> WorkerAddress:
     try:
-        said = json.loads(path.read_bytes()[:LINE_BYTES])
+        said = json.loads(path.read_bytes()[:MAX_FRAME_BYTES])
         port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
         if not all(type(number) is int for number in (port, pid, parent)) or not 0 < port < 1 << 16:
             raise ValueError
@@ -265,7 +265,7 @@ def start_worker(
         # On Windows the program of the virtual environment starts the interpreter as its child.
         if where and child.pid in (where.pid, where.parent):
             return where
-        time.sleep(POLL_S)
+        time.sleep(RUN_FILE_POLL_S)
     child.terminate()
     raise WorkerFailed(
         _("the machine said nothing for {limit_s:g} s; see {path}").format(

@@ -28,7 +28,7 @@ PLANTED_OPTIONS = (
     "flow_percent bend speed_mps bend=-4.4 at=1.2",
 )
 # Shortest run for which `simulate` uses compiled steps, s.
-SIMULATED_S = 600
+SIMULATED_RUN_S = 600
 
 
 def compile_packages() -> None:
@@ -42,7 +42,7 @@ def compile_packages() -> None:
             (
                 "simulate",
                 "--seconds",
-                str(SIMULATED_S),
+                str(SIMULATED_RUN_S),
                 "--seed",
                 "1",
                 *PLANTED_OPTIONS,

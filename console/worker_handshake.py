@@ -11,13 +11,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-HOST = "127.0.0.1"
-GREETING = "topdress-worker/1"
+WORKER_HOST = "127.0.0.1"
+WORKER_GREETING = "topdress-worker/1"
 # Time within which a worker must greet, s. It greets at once, and rewrites a wrong run file within
 # half of that time.
 GREETING_TIMEOUT_S = 0.5
 # Longest frame that is accepted, bytes.
-LINE_BYTES = 1 << 20
+MAX_FRAME_BYTES = 1 << 20
 
 
 def read_greeting(port: int, until_s: float) -> dict[str, Any] | None:
@@ -28,8 +28,10 @@ def read_greeting(port: int, until_s: float) -> dict[str, Any] | None:
     """
     heard = b""
     try:
-        with socket.create_connection((HOST, port), timeout=GREETING_TIMEOUT_S) as connection:
-            while b"\n" not in heard and len(heard) < LINE_BYTES:
+        with socket.create_connection(
+            (WORKER_HOST, port), timeout=GREETING_TIMEOUT_S
+        ) as connection:
+            while b"\n" not in heard and len(heard) < MAX_FRAME_BYTES:
                 connection.settimeout(max(0.001, until_s - time.monotonic()))
                 got = connection.recv(4096)
                 if not got:
@@ -53,7 +55,7 @@ def is_still_running(run_file: Path) -> bool:
     s.
     """
     try:
-        said = json.loads(run_file.read_bytes()[:LINE_BYTES])
+        said = json.loads(run_file.read_bytes()[:MAX_FRAME_BYTES])
         port, pid = said["port"], said["pid"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
@@ -65,4 +67,8 @@ def is_still_running(run_file: Path) -> bool:
     ):
         return False
     greeting = read_greeting(port, time.monotonic() + GREETING_TIMEOUT_S)
-    return greeting is not None and greeting.get("hello") == GREETING and greeting.get("pid") == pid
+    return (
+        greeting is not None
+        and greeting.get("hello") == WORKER_GREETING
+        and greeting.get("pid") == pid
+    )

@@ -70,9 +70,9 @@ def save(path: str | Path, machine: Machine, comment: str = "") -> None:
     OSError : the file cannot be written.
     """
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
-    save_config(Path(path), machine, MACHINE, comment)
+    save_config(Path(path), machine, MACHINE_KIND, comment)
 
 
 def __getattr__(name: str) -> Any:

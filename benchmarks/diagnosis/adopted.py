@@ -103,9 +103,9 @@ def command(*words: str) -> None:
 def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
     """The shipped job, on the ground on which what is hidden shows."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import JOB
+    from topdress.drivers.files.kinds import JOB_KIND
 
-    data = load_config("demo", JOB).model.model_dump(mode="json", exclude_unset=True)
+    data = load_config("demo", JOB_KIND).model.model_dump(mode="json", exclude_unset=True)
     if hidden.rough:
         changes = [
             {"at_s": k * EVERY_S, "speed_kmh": SLOW_KMH if k % 2 else FAST_KMH}
@@ -121,7 +121,7 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
     """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses,
     as `diagnose --adopt` does where it finds nothing."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.setup import load_setup
 
     log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
@@ -159,7 +159,7 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
     said, after = (json.loads(path.read_text(encoding="utf-8")) for path in (answer, again))
     setup = load_setup("huanghai", str(job), dt.date.today())
     # its history keeps both changes
-    back = load_config(str(undone), MACHINE).model.model_copy(update={"history": ()})
+    back = load_config(str(undone), MACHINE_KIND).model.model_copy(update={"history": ()})
     return Outcome(
         hidden,
         found_in(said),
@@ -167,7 +167,7 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
         back == setup.machine,
         *(
             driven(setup, known, hidden, seconds)
-            for known in (setup.machine, load_config(str(new), MACHINE).model)
+            for known in (setup.machine, load_config(str(new), MACHINE_KIND).model)
         ),
     )
 

@@ -53,10 +53,10 @@ def examine(task: Task) -> dict[str, Any]:
     """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the
     case could not be made."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     started = time.perf_counter()
-    nominal = load_config("huanghai", MACHINE).model
+    nominal = load_config("huanghai", MACHINE_KIND).model
     out: dict[str, Any] = {
         "number": task.number,
         "truth": None,

@@ -452,23 +452,23 @@ def run(case: Case, folder: Path) -> Ran:
     from topdress.drivers.files.imports.convert import convert_table
     from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
-    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.mapping import IMPORT_KIND
     from topdress.drivers.files.imports.read import read_raw_table
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_filled_log
 
     place = folder / case.name.replace("/", "_").replace(" ", "_")
     place.mkdir()
     (place / "import.yaml").write_text(import_text(case))
     (place / "machine.yaml").write_text(machine_text(case))
-    mapping = load_config(str(place / "import.yaml"), IMPORT).model
+    mapping = load_config(str(place / "import.yaml"), IMPORT_KIND).model
     log, adopted = place / "log.csv", place / "adopted.yaml"
     imported = join_files(
         [convert_table(read_raw_table(_one_side(case, place), mapping.source), mapping)],
         mapping.join,
     )
     write_imported_log(log, imported, mapping, place / "import.yaml")
-    machine = load_config(str(place / "machine.yaml"), MACHINE).model
+    machine = load_config(str(place / "machine.yaml"), MACHINE_KIND).model
     started = time.process_time()
     try:
         found = diagnose_run(dict(read_filled_log(log).columns), machine, path=str(log))
@@ -507,7 +507,7 @@ def run(case: Case, folder: Path) -> Ran:
         "refused": [name for name, _ in taken.refused],
     }
     if there:
-        save_config(adopted, extend(machine, taken.found), MACHINE)
+        save_config(adopted, extend(machine, taken.found), MACHINE_KIND)
     return Ran(log, place / "machine.yaml", adopted if there else None, said)
 
 
@@ -536,10 +536,10 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from topdress.control.diagnosis.runs.log import clean_run_log
     from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_filled_log
 
-    machine = load_config(str(machine_file), MACHINE).model
+    machine = load_config(str(machine_file), MACHINE_KIND).model
     columns = {name: np.asarray(values) for name, values in read_filled_log(log).columns.items()}
     rows = len(columns["time_s"])
     # a short table of settled answers is predicted by being read again and again

@@ -73,11 +73,11 @@ def examine(task: Task) -> dict[str, Any]:
     import ask
     from hidden.cases import one
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     started = time.perf_counter()
     case = one(*task)
-    machine = load_config("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE_KIND).model
     began, answer, trouble, share = time.perf_counter(), None, None, None
     try:
         answer = ask.diagnosis(case.kind, case.columns, machine, case.name, seed)

@@ -34,7 +34,7 @@ from topdress.control.diagnosis.season.evidence import (  # noqa: E402
 )
 from topdress.control.machine.machine import Machine  # noqa: E402
 from topdress.drivers.files.config import load_config  # noqa: E402
-from topdress.drivers.files.kinds import MACHINE  # noqa: E402
+from topdress.drivers.files.kinds import MACHINE_KIND  # noqa: E402
 from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 
@@ -115,7 +115,7 @@ def main() -> int:
         "--minutes", type=float, default=6.0, help="of each of the logs that were really diagnosed"
     )
     given = parser.parse_args()
-    machine: Machine = load_config("huanghai", MACHINE).model
+    machine: Machine = load_config("huanghai", MACHINE_KIND).model
     real = [
         collect_log_evidence(
             columns_of(Day("m00", 0, day, "urea", "Zhao", "", ()), given.minutes), machine

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from topdress.console.app.ordered_words import format_order
 from topdress.console.app.units import METRIC
 from topdress.console.app.view import format_duration, format_local_time
-from topdress.console.attached import Attached, Ordered
+from topdress.console.attached import AttachedConsole, ExecutedOrder
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import State
@@ -24,7 +24,7 @@ class PresenceView(NamedTuple):
     others: str
 
 
-def list_others(frame: Frame, own: str) -> tuple[Attached, ...]:
+def list_others(frame: Frame, own: str) -> tuple[AttachedConsole, ...]:
     """Return all attached consoles except this console."""
     return tuple(one for one in frame.attached if one.name != own)
 
@@ -57,12 +57,12 @@ def make_presence_view(frame: Frame | None, own: str, utc_offset_s: float) -> Pr
     )
 
 
-def format_short_name(one: Attached) -> str:
+def format_short_name(one: AttachedConsole) -> str:
     """Return the name of a console, marked if it cannot give orders."""
     return one.name if one.orders else _("{name} (looks only)").format(name=one.name)
 
 
-def describe_kind(one: Attached) -> str:
+def describe_kind(one: AttachedConsole) -> str:
     """Return kind and rights of a console, and whether it keeps the machine working."""
     kind = _("tablet") if one.tablet else _("console")
     # The rights matter more than the kind of device.
@@ -75,7 +75,9 @@ def describe_kind(one: Attached) -> str:
     return _("{kind}, silent: does not keep the machine working").format(kind=kind)
 
 
-def describe_given_order(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
+def describe_given_order(
+    one: ExecutedOrder, frame: Frame, own: str, utc_offset_s: float
+) -> str:
     """Return an order with its console and time of day."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
@@ -119,7 +121,7 @@ def describe_presence_changes(before: Frame, now: Frame, own: str) -> str:
     return ";  ".join(lines)
 
 
-def _describe_consequence(one: Attached, now: Frame) -> str:
+def _describe_consequence(one: AttachedConsole, now: Frame) -> str:
     """Return the consequence of a lost console for a working machine."""
     if not one.keeps or now.row.state != State.WORKING:
         return ""

@@ -297,7 +297,7 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(name)
 
 
-def make_asked_app(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
+def make_requested_app(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
     """Returns the app with only the requested command.
 
     Importing and preparing all commands takes a tenth of the time to the first picture. General
@@ -313,4 +313,4 @@ def main() -> None:
     """Runs the entry point `topdress`."""
     limit_matrix_threads()
     replace_streams()
-    make_asked_app(sys.argv[1:], os.environ)()
+    make_requested_app(sys.argv[1:], os.environ)()

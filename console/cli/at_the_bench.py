@@ -120,11 +120,11 @@ def run_attended(host: Host) -> None:
 
 BENCH_HZ = 50.0
 # Time by which every device must have sent a message, s.
-HEARD_WITHIN_S = 10.0
+DEVICE_TIMEOUT_S = 10.0
 # Interval at which the held button is confirmed, s.
 CONFIRM_PERIOD_S = 0.2
 # Without a key, a refusal that lasts for this time ends the test, s.
-PATIENCE_S = 5.0
+REFUSAL_TIMEOUT_S = 5.0
 HOLD_KEY = " "
 
 
@@ -255,7 +255,7 @@ class BenchOperator:
         silent = [one.name for one in frame.devices if not one.accepted]
         if not silent:
             self.send_order(Order(Do.READY))
-        elif now_s > HEARD_WITHIN_S:
+        elif now_s > DEVICE_TIMEOUT_S:
             said = next(one for one in frame.devices if one.name == silent[0])
             self.give_up(
                 f"{said.name} at {said.port} is silent: "
@@ -290,7 +290,7 @@ class BenchOperator:
         self._held.block_repeats(self._clock())
         if self._refused_since_s is None:
             self._refused_since_s = now_s
-        if self._no_key and now_s - self._refused_since_s > PATIENCE_S:
+        if self._no_key and now_s - self._refused_since_s > REFUSAL_TIMEOUT_S:
             self.give_up(self.refusal)
 
     def send_order(self, order: Order) -> None:

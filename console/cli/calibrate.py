@@ -15,13 +15,13 @@ from topdress.console.cli.inputs import (
     RUN_LOG_KINDS,
     TABLE_FILE_KINDS,
     load_machine,
-    need_ending,
     refuse_bench_table,
     refuse_other_kinds,
     refuse_run_log,
+    require_suffix,
 )
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     Output,
     find_machine_file,
     list_log_files,
@@ -74,7 +74,7 @@ def calibrate_catch(
     ] = None,
     date: DateOption = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening,
     with intervals."""
@@ -111,15 +111,15 @@ def _save_product_test(
     """Writes the product with this test added to its earlier tests."""
     from topdress.control.calibration.flow_fit import make_catch_test
     from topdress.drivers.files.config import calc_sha256, load_config, save_config
-    from topdress.drivers.files.kinds import PRODUCT
+    from topdress.drivers.files.kinds import PRODUCT_KIND
 
-    read = load_config(product, PRODUCT)
+    read = load_config(product, PRODUCT_KIND)
     if read.path.resolve() == out.resolve():
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
     save_config(
         out,
         read.model.append_test(make_catch_test(machine, flow, day, str(data), calc_sha256(data))),
-        PRODUCT,
+        PRODUCT_KIND,
     )
     typer.echo(f"product file: {out}", err=as_json)
 
@@ -183,14 +183,14 @@ def calibrate_lag(
     ] = False,
     date: DateOption = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag
     rig."""
     if rig is not None and data is None:
         from topdress.console.cli.lag_rig import measure_lag
 
-        need_ending("--out", out, ".csv")
+        require_suffix("--out", out, ".csv")
         _refuse_overwriting((), out, machine, force)
         measure_lag(
             rig,
@@ -236,7 +236,7 @@ def calibrate_wheel(
     machine: FromOption = "huanghai",
     date: DateOption = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     from topdress.control.calibration.wheel_fit import fit_wheel
@@ -263,7 +263,7 @@ def calibrate_heads(
     machine: FromOption = "huanghai",
     date: DateOption = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Fit each canopy head against the others over a run log."""
     from topdress.control.calibration.heads_check import check_heads
@@ -297,7 +297,7 @@ def calibrate_effort(
     ] = None,
     date: DateOption = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Fit how hard the drives of a sound machine work to a run log: what later logs are held
     against."""
@@ -345,13 +345,13 @@ def calibrate_encoder(
     machine: Annotated[
         str, typer.Option(metavar="MACHINE", help="--rpm: whose limits hold.")
     ] = "huanghai",
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Count the encoder's pulses over whole turns of the metering shaft, for the board's
     settings."""
     from topdress.console.cli.encoder import count_encoder
 
-    need_ending("--out", out, ".py")
+    require_suffix("--out", out, ".py")
     _refuse_overwriting((), out, machine, force)
     limits = load_machine(machine).limits
     if rpm is not None and not limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm:
@@ -367,7 +367,7 @@ def _refuse_no_table(data: Path, out: Path, command: str) -> None:
     the suffix of a machine file."""
     refuse_other_kinds([data], TABLE_FILE_KINDS)
     refuse_run_log(data, command)
-    need_ending("--out", out, ".yaml", ".yml")
+    require_suffix("--out", out, ".yaml", ".yml")
 
 
 def _refuse_no_log(data: Path, out: Path, command: str) -> None:
@@ -375,7 +375,7 @@ def _refuse_no_log(data: Path, out: Path, command: str) -> None:
     suffix of a machine file."""
     refuse_other_kinds([data], RUN_LOG_KINDS)
     refuse_bench_table(data, command)
-    need_ending("--out", out, ".yaml", ".yml")
+    require_suffix("--out", out, ".yaml", ".yml")
 
 
 def _refuse_overwriting(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
@@ -389,9 +389,9 @@ def _load_first_machine(data: Path, out: Path, machine: str, force: bool) -> Mac
 
 def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
-    save_config(out, _sign_records(fitted, data), MACHINE)
+    save_config(out, _sign_records(fitted, data), MACHINE_KIND)
     typer.echo(f"machine file: {out}", err=as_json)
 
 

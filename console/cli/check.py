@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, make_marked_output, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
@@ -46,7 +46,7 @@ def check_files(
         typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there instead."),
     ] = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
     if write_schemas is not None:
@@ -71,9 +71,12 @@ def check_files(
 
 def list_kinds_by_name() -> dict[str, Any]:
     """Returns the kinds of configuration files by the short name of their format."""
-    from topdress.drivers.files.kinds import KINDS
+    from topdress.drivers.files.kinds import CONFIG_KINDS
 
-    return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
+    return {
+        name.removeprefix("topdress-").partition("/")[0]: kind
+        for name, kind in CONFIG_KINDS.items()
+    }
 
 
 def format_schema(name: str) -> str:
@@ -98,14 +101,15 @@ def write_all_schemas(folder: Path) -> None:
 
 
 def _check_named_files(files: list[str], as_json: bool) -> None:
-    from topdress.drivers.files.kinds import CAB, JOB, MACHINE
+    from topdress.drivers.files.kinds import CAB_KIND, JOB_KIND, MACHINE_KIND
     from topdress.drivers.files.setup import find_disagreements
 
     wrong: list[str] = []
     notes: list[str] = []
     read = [found for file in files if (found := _read_file(file, notes, wrong)) is not None]
     jobs, cabs, machines = (
-        [one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE)
+        [one for kind, one in read if kind is wanted]
+        for wanted in (JOB_KIND, CAB_KIND, MACHINE_KIND)
     )
     wrong += [line for job in jobs for line in _check_cab_heads(job, cabs)]
     machine_files = [str(machine.path) for machine in machines] or [SHIPPED_MACHINE]
@@ -133,14 +137,14 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
     """Returns kind and content of one configuration file; None for a task file, and for a wrong
     file. Appends a line to `notes` or `wrong` for each finding."""
     from topdress.drivers.files.config import load_any_config
-    from topdress.drivers.files.kinds import JOB, KINDS
+    from topdress.drivers.files.kinds import CONFIG_KINDS, JOB_KIND
 
     _refuse_no_configuration(Path(file))
     if (lines := _list_task_content(Path(file))) is not None:
         notes += lines
         return None
     try:
-        kind, loaded = load_any_config(file, KINDS)
+        kind, loaded = load_any_config(file, CONFIG_KINDS)
     except ConfigError as error:
         wrong += error.lines
         return None
@@ -148,7 +152,7 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
         wrong.append(f"{loaded.path}: {trouble}")
         return None
     own = list(getattr(loaded.model, "warnings", ()))
-    if kind is JOB:
+    if kind is JOB_KIND:
         own = [*_find_job_notes(loaded), *own]
         wrong += _check_job_files(loaded, own)
     notes += [f"{loaded.path}: note: {line}" for line in own]
@@ -185,7 +189,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
     from topdress.drivers.files.prescriptions.for_job import find_map_check, read_job_plants
     from topdress.drivers.files.setup import find_year_nitrogen, load_job_product
     from topdress.drivers.plain_text import RefusedInput
@@ -193,7 +197,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     folder = loaded.path.parent
 
     def check_job_map() -> None:
-        crop = load_config(loaded.model.crop, CROP, base=folder).model
+        crop = load_config(loaded.model.crop, CROP_KIND, base=folder).model
         n_year = find_year_nitrogen(loaded, crop, day_clock.read_today())
         limited = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
@@ -264,11 +268,11 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
     """Returns notes on whether the heads of each cab, or without a cab the simulated heads, have
     the index that the job's crop needs."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
     from topdress.drivers.files.setup import find_index_disagreements
 
     try:
-        crop = load_config(job.model.crop, CROP, base=job.path.parent).model
+        crop = load_config(job.model.crop, CROP_KIND, base=job.path.parent).model
     # The error is reported with the job.
     except ConfigError:
         return []

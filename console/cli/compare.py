@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from topdress.console.cli.inputs import load_machine
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     find_machine_file,
     list_log_files,
     make_marked_output,
     refuse_collisions,
 )
-from topdress.console.cli.plain_errors import NOT_JUDGED, print_note_lines
+from topdress.console.cli.plain_errors import EXIT_NOT_JUDGED, print_note_lines
 from topdress.console.cli.progress import ProgressLine
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def compare_machines(
     report: Annotated[
         Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")
     ] = None,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Say which of two machine files predicts logs better: the error of each, channel by
     channel, and the difference.
@@ -66,7 +66,7 @@ def compare_machines(
     found = _compare_on_logs(logs, machines[0], machines[1], new)
     _write_result(found, old, new, as_json, report)
     if not any(one.channels for _, one in found):
-        raise typer.Exit(NOT_JUDGED)
+        raise typer.Exit(EXIT_NOT_JUDGED)
 
 
 def _compare_on_logs(

@@ -6,7 +6,7 @@ import time
 from typing import Annotated
 
 import typer
-from topdress.console.cli.plain_errors import FAILED
+from topdress.console.cli.plain_errors import EXIT_FAILED
 from topdress.console.cli.plain_output import AsJson, print_json
 
 
@@ -71,7 +71,7 @@ def list_devices(
                 "  ".join(part for part in (f"{url:32}", description, said) if part).rstrip()
             )
     if failed:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(EXIT_FAILED)
 
 
 def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:

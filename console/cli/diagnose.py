@@ -17,18 +17,18 @@ from topdress.console.cli.inputs import (
     LOG_KINDS,
     MachineName,
     load_machine,
-    need_ending,
     refuse_other_kinds,
+    require_suffix,
 )
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     Output,
     find_machine_file,
     list_log_files,
     make_marked_output,
     refuse_collisions,
 )
-from topdress.console.cli.plain_errors import NOT_JUDGED, CommandError, print_note_lines
+from topdress.console.cli.plain_errors import EXIT_NOT_JUDGED, CommandError, print_note_lines
 from topdress.console.cli.progress import ProgressLine
 from topdress.console.import_hooks import collect_seldom
 from topdress.drivers import day_clock
@@ -80,7 +80,7 @@ def adopt_findings(
     from topdress.control.diagnosis.extend import check_adoptable, extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.drivers.files.config import calc_sha256, save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     for cause in found.causes:
         check_adoptable(cause)
@@ -106,7 +106,7 @@ def adopt_findings(
     extended = extend(
         machine, taken.found, sha256=calc_sha256(data[0]), date=day_clock.read_today().isoformat()
     )
-    save_config(out, extended, MACHINE, _format_pick_comment(kept, picked))
+    save_config(out, extended, MACHINE_KIND, _format_pick_comment(kept, picked))
     typer.echo(
         f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
         "it back):",
@@ -191,7 +191,7 @@ def _make_empty_exit(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
     elif list_adoptable_causes(found):
         why = "what was found is undecided, and nothing of it was picked"
     typer.echo(f"{out}: not written: {why}", err=True)
-    return typer.Exit(NOT_JUDGED)
+    return typer.Exit(EXIT_NOT_JUDGED)
 
 
 def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
@@ -268,7 +268,7 @@ def run_diagnose(
     seed: Annotated[
         int, typer.Option(metavar="NUMBER", min=0, help="Of the draws behind the probabilities.")
     ] = 0,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs
     and what to do.
@@ -277,8 +277,8 @@ def run_diagnose(
     """
     collect_seldom()
     refuse_other_kinds(data, LOG_KINDS)
-    need_ending("--report", report, ".html")
-    need_ending("--adopt", adopt, ".yaml", ".yml")
+    require_suffix("--report", report, ".html")
+    require_suffix("--adopt", adopt, ".yaml", ".yml")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     picked = tuple(pick or ())
@@ -316,7 +316,7 @@ def run_diagnose(
     if refused is not None:
         raise refused
     if found.verdict == "not_judged" and not found.rates:
-        raise typer.Exit(NOT_JUDGED)
+        raise typer.Exit(EXIT_NOT_JUDGED)
 
 
 def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
@@ -338,7 +338,7 @@ def _is_run_data(data: list[Path]) -> bool:
     from topdress.drivers.files.opened import FileContent
 
     file = FileContent(data[0])
-    return not file.is_table or not file.names or file.holds == "log"
+    return not file.is_table or not file.names or file.content_kind == "log"
 
 
 def _read_log_columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:

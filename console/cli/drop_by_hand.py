@@ -12,7 +12,7 @@ import typer
 from topdress.console.cli.plain_errors import CommandError
 
 TICK_PERIOD_S = 0.02
-HEARD_WITHIN_S = 10.0
+DEVICE_TIMEOUT_S = 10.0
 PHASE_WORDS = {
     "stop": "stop the shaft and wait",
     "arming": "the rig is made ready",
@@ -35,7 +35,7 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
         while len(test.runs) < runs:
             now_s = time.monotonic()
             cab.read_measurements(now_s)
-            if cab.rig_readings is None and now_s - started_s > HEARD_WITHIN_S:
+            if cab.rig_readings is None and now_s - started_s > DEVICE_TIMEOUT_S:
                 state = cab.list_device_status(now_s)[0]
                 raise CommandError(
                     f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}"

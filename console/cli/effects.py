@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from topdress.console.cli.inputs import load_machine
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     find_machine_file,
     make_marked_output,
     refuse_collisions,
@@ -35,7 +35,7 @@ def list_effects(
             "its ranges.",
         ),
     ] = "huanghai",
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its
     source."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 from topdress.console.cli.at_the_bench import (
-    HEARD_WITHIN_S,
+    DEVICE_TIMEOUT_S,
     BenchOperator,
     Keyboard,
     end_on_signals,
@@ -189,7 +189,7 @@ class MarkCounter:
                 "shaft turned: "
                 "its program is older than this: put the new one on it (docs/wiring.md)"
             )
-        if self._heard_s is None and now_s - self._began_s > HEARD_WITHIN_S:
+        if self._heard_s is None and now_s - self._began_s > DEVICE_TIMEOUT_S:
             raise CommandError(
                 f"calibrate encoder: board at {self._board} is silent: {error or 'no byte'}"
             )

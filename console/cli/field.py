@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import FileKinds, need_ending, refuse_other_kinds
-from topdress.console.cli.outputs import Force, Output, find_named_file, refuse_collisions
+from topdress.console.cli.inputs import FileKinds, refuse_other_kinds, require_suffix
+from topdress.console.cli.outputs import ForceOption, Output, find_named_file, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.fields.field_data import FieldData
 
 # Distance of worked ground from the job's field beyond which it belongs to another field, m.
-FAR_GROUND_M = 1000.0
+MAX_GROUND_DISTANCE_M = 1000.0
 FIELD_KINDS = FileKinds(
     ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
     "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, "
@@ -81,19 +81,19 @@ def convert_field(
         ),
     ] = False,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a
     job's field for others."""
     refuse_other_kinds([source], DONE_KINDS if done else FIELD_KINDS)
-    need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
+    require_suffix("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
-        from topdress.drivers.files.kinds import JOB
+        from topdress.drivers.files.kinds import JOB_KIND
 
         reads = [
             *(source.iterdir() if source.is_dir() else [source]),
-            *([find_named_file(job, JOB.folder)] if is_job else []),
+            *([find_named_file(job, JOB_KIND.folder)] if is_job else []),
         ]
         files = (
             (out,)
@@ -129,9 +129,9 @@ def _read_field(source: Path, name: str | None) -> FieldData:
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
         from topdress.drivers.files.config import load_config
-        from topdress.drivers.files.kinds import JOB
+        from topdress.drivers.files.kinds import JOB_KIND
 
-        return build_field_data(load_config(source, JOB).model.field, str(source))
+        return build_field_data(load_config(source, JOB_KIND).model.field, str(source))
     return read_field_shapes(source, name)
 
 
@@ -148,12 +148,12 @@ def _write_field(data: FieldData, out: Path) -> None:
 def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
     from topdress.drivers.files.config import load_config, save_config
     from topdress.drivers.files.fields.field_data import build_job_ground
-    from topdress.drivers.files.kinds import JOB
+    from topdress.drivers.files.kinds import JOB_KIND
 
-    loaded = load_config(job, JOB)
+    loaded = load_config(job, JOB_KIND)
     model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(update={"field": build_job_ground(data, model.field, line)})
-    save_config(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
+    save_config(out, new, JOB_KIND, f"From {loaded.path.name}, its field from {source.name}")
 
 
 def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) -> None:
@@ -162,13 +162,13 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load_config, save_config
     from topdress.drivers.files.fields.worked_area import read_worked_area
-    from topdress.drivers.files.kinds import JOB
+    from topdress.drivers.files.kinds import JOB_KIND
 
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
         raise CommandError(
             f"--out {out}: allowed with --done is a job, a name that ends in .yaml or .yml"
         )
-    loaded = load_config(job, JOB)
+    loaded = load_config(job, JOB_KIND)
     ground = loaded.model.field
     has_field = bool(ground.boundary_m) and out is not None
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
@@ -181,7 +181,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     if (
         plane is not None
         and boundary is not None
-        and (away_m := boundary.calc_distance_m(found.middle_m)) > FAR_GROUND_M
+        and (away_m := boundary.calc_distance_m(found.middle_m)) > MAX_GROUND_DISTANCE_M
     ):
         print_note_lines(
             [f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: "
@@ -193,7 +193,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
         update={"field": model.field.model_copy(update={"done": str(source.resolve())})}
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_config(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
+    save_config(out, new, JOB_KIND, f"From {loaded.path.name}, done ground from {source.name}")
     typer.echo(f"written      {out}", err=as_json)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
-from topdress.console.cli.plain_errors import CANCELLED, CommandError
+from topdress.console.cli.outputs import ForceOption, make_marked_output, refuse_collisions
+from topdress.console.cli.plain_errors import EXIT_CANCELLED, CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.console.cli.progress import ProgressLine
 from topdress.drivers import day_clock
@@ -26,7 +26,7 @@ REPORT_NAME = "report.html"
 # Interval of progress lines without a terminal, s.
 PROGRESS_PERIOD_S = 30.0
 # Number of listed rows that belong to no log.
-MOST_LISTED_ROWS = 20
+MAX_LISTED_ROWS = 20
 
 
 def run_fleet(
@@ -90,7 +90,7 @@ def run_fleet(
         bool, typer.Option("--retry", help="Try logs again that could not be read.")
     ] = False,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what
     products, operators and fields share, what it cost. Ctrl-C ends; what is done is kept."""
@@ -101,15 +101,15 @@ def run_fleet(
         find_logs,
         open_cluster,
     )
-    from topdress.console.services.fleet_job import FORMAT
+    from topdress.console.services.fleet_job import RECORD_FORMAT
     from topdress.console.services.fleet_tables import TABLE_COLUMNS
     from topdress.drivers.files.config import calc_sha256, load_config
     from topdress.drivers.files.extras import require_extras
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.run_meta import find_software_version
 
     require_extras("a season of logs", "fleet", "diagnosis", "parquet")
-    loaded = load_config(machine, MACHINE)
+    loaded = load_config(machine, MACHINE_KIND)
     options = _parse_store_options(storage or [])
     logs = find_logs(paths, out, options)
     if not logs:
@@ -126,7 +126,7 @@ def run_fleet(
     )
     known = None if table is None else _read_log_list(table, logs)
     out.mkdir(parents=True, exist_ok=True)
-    salt = f"{FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
+    salt = f"{RECORD_FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
     begin = time.monotonic()
     asked = FleetRequest(loaded.model.model_dump(mode="json"), salt, options, retry)
     with open_cluster(scheduler, min(workers, len(logs))) as client:
@@ -134,11 +134,11 @@ def run_fleet(
             found = diagnose_fleet(client, logs, asked, out, _make_progress())
         except KeyboardInterrupt:
             # A second Ctrl-C waits for no worker.
-            signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))
+            signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_CANCELLED))
             typer.echo(
                 f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True
             )
-            raise typer.Exit(CANCELLED) from None
+            raise typer.Exit(EXIT_CANCELLED) from None
     took_s = time.monotonic() - begin
     _print_season(found, known.of if known else {}, out, price, currency, as_json)
     twins = f", {found.twins} the same as others" if found.twins else ""
@@ -248,7 +248,7 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
         )
     except ValueError as error:
         raise CommandError(f"{table}: {error}") from None
-    for said in found.unused[:MOST_LISTED_ROWS]:
+    for said in found.unused[:MAX_LISTED_ROWS]:
         typer.echo(f"{table}: {said}", err=True)
     typer.echo(
         f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "

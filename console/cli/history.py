@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from topdress.console.cli.inputs import load_machine, need_ending
-from topdress.console.cli.outputs import Force, Output, find_machine_file, refuse_collisions
+from topdress.console.cli.inputs import load_machine, require_suffix
+from topdress.console.cli.outputs import ForceOption, Output, find_machine_file, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
@@ -28,26 +28,28 @@ def print_history(
         ),
     ] = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """List what diagnoses changed in a machine file: day, data, each effect before and after,
     each term."""
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.machine.history import find_last_change, undo_last_change
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     if undo != (out is not None):
         raise CommandError(
             "history: --undo and --out NEW.yaml are given together: the file itself is not "
             "written over"
         )
-    need_ending("--out", out, ".yaml", ".yml")
+    require_suffix("--out", out, ".yaml", ".yml")
     loaded = load_machine(machine)
     if out is not None:
         refuse_collisions([find_machine_file(machine)], [Output((out,))], force)
         last = find_last_change(loaded)
-        save_config(out, undo_last_change(loaded, date=day_clock.read_today().isoformat()), MACHINE)
+        save_config(
+            out, undo_last_change(loaded, date=day_clock.read_today().isoformat()), MACHINE_KIND
+        )
         assert last is not None
         if as_json:
             print_json(last)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from topdress.console.cli.inputs import LOG_KINDS, load_machine, need_ending, refuse_other_kinds
+from topdress.console.cli.inputs import LOG_KINDS, load_machine, refuse_other_kinds, require_suffix
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     Output,
     list_log_files,
     list_new_log_files,
@@ -111,7 +111,7 @@ def run_import(
         ),
     ] = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
     twice = next(
@@ -133,7 +133,7 @@ def run_import(
     if guess:
         is_log = out is not None and out.suffix.lower() in (".csv", ".parquet", ".pq")
         option = "--mapping" if mapping is not None else "--out"
-        need_ending(option, mapping or (None if is_log else out), ".yaml", ".yml")
+        require_suffix(option, mapping or (None if is_log else out), ".yaml", ".yml")
         found, lines = _write_guess(files, _choose_guess_path(files, mapping, out), given, force)
     elif out is None:
         raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
@@ -309,10 +309,10 @@ def _read_or_guess_mapping(
     the guess."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.import_errors import LogImportError
-    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.mapping import IMPORT_KIND
 
     if place is not None:
-        mapping = load_config(place, IMPORT).model
+        mapping = load_config(place, IMPORT_KIND).model
         return None, mapping.model_copy(
             update={"source": mapping.source.model_copy(update=given.said)}
         )

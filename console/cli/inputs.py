@@ -71,12 +71,12 @@ def load_machine(name: str) -> Machine:
     """Returns the machine of a machine file, or of the name of a shipped file. Raises
     ConfigError."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
-    return load_config(name, MACHINE).model
+    return load_config(name, MACHINE_KIND).model
 
 
-def need_ending(option: str, path: Path | None, *endings: str) -> None:
+def require_suffix(option: str, path: Path | None, *endings: str) -> None:
     """Raises CommandError for a name with another suffix, before anything is read or written."""
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         said = "a folder, or a name" if "" in endings else "a name"
@@ -91,7 +91,7 @@ def refuse_run_log(table: Path, command: str) -> None:
     """Raises CommandError for a run log where a bench table is needed."""
     from topdress.drivers.files.opened import FileContent
 
-    if FileContent(table).holds == "log":
+    if FileContent(table).content_kind == "log":
         raise CommandError(
             f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
             f"heads too): allowed for {command} is a bench table"
@@ -103,7 +103,7 @@ def refuse_bench_table(log: Path, command: str) -> None:
     from topdress.drivers.files.opened import FileContent
 
     file = FileContent(log)
-    if file.is_table and file.holds == "table":
+    if file.is_table and file.content_kind == "table":
         raise CommandError(
             f"{log}: this is a bench table ({file.bench}; topdress diagnose reads it, "
             "calibrate lag "

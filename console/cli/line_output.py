@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 # Number of lines that wait for a reader: some 100 KB, ten seconds of a working machine. A reader
 # that does not read misses lines meanwhile.
-MOST_WAITING_LINES = 100
+MAX_WAITING_LINES = 100
 # Interval at which a closed reader is detected while nothing is written, s.
-POLL_S = 0.25
+READER_POLL_S = 0.25
 
 
 class LineOutput:
@@ -27,7 +27,7 @@ class LineOutput:
     def __init__(self, handle: int, ended: Callable[[], object]) -> None:
         """`ended` is called from the thread after the reader has closed."""
         self._handle, self._ended = handle, ended
-        self._lines: queue.Queue[bytes] = queue.Queue(MOST_WAITING_LINES)
+        self._lines: queue.Queue[bytes] = queue.Queue(MAX_WAITING_LINES)
         threading.Thread(target=self._write_lines, name="line-output", daemon=True).start()
 
     def queue_line(self, line: bytes) -> None:
@@ -39,7 +39,7 @@ class LineOutput:
         try:
             while not _has_no_reader(self._handle):
                 try:
-                    rest = self._lines.get(timeout=POLL_S)
+                    rest = self._lines.get(timeout=READER_POLL_S)
                 except queue.Empty:
                     continue
                 while rest:

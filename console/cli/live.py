@@ -50,14 +50,14 @@ PUBLISHED_FIELDS = (
     "notes",
 )
 # Interval of attempts while no machine runs, s.
-RETRY_S = 2.0
+MACHINE_RETRY_S = 2.0
 # Number of waiting bytes of a slow reader; the reader misses lines beyond them.
-MOST_WAITING_BYTES = 1 << 16
+MAX_WAITING_BYTES = 1 << 16
 # Number of programs that read from the socket, where the system permits so many; at most
-# `MOST_WAITING_BYTES` wait for each.
-MOST_READERS = 1000
+# `MAX_WAITING_BYTES` wait for each.
+MAX_READERS = 1000
 # Number of open files of this process itself: libraries, streams, the machine, a broker.
-OWN_FILES = 48
+RESERVED_FILES = 48
 # Number of simultaneous connections that are accepted before the first is refused.
 LISTEN_BACKLOG = 32
 # Interval between two lines about the same event, s.
@@ -66,7 +66,7 @@ REPEAT_PERIOD_S = 60.0
 LEAVE_TIMEOUT_S = 1.0
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 PASSWORD_VARIABLE = "TOPDRESS_MQTT_PASSWORD"
-ONLINE, FRAME = "online", "frame"
+ONLINE_TOPIC, FRAME_TOPIC = "online", "frame"
 
 LineSink = Callable[[bytes], None]
 
@@ -181,14 +181,14 @@ async def _publish_forever(to: list[LineSink], port: int | None, every_s: float)
             pass
         except WorkerFailed as error:
             refused.print_rarely(str(error))
-        await asyncio.sleep(RETRY_S)
+        await asyncio.sleep(MACHINE_RETRY_S)
 
 
 async def _serve_socket(port: int) -> LineSink:
     """Returns a sink to every program that connects, up to a limit. Raises OSError for a port in
     use."""
     readers: set[asyncio.StreamWriter] = set()
-    most, refused = calc_most_readers(), RareLine()
+    most, refused = calc_max_readers(), RareLine()
 
     async def accept_reader(_heard: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(readers) < most:
@@ -201,7 +201,7 @@ async def _serve_socket(port: int) -> LineSink:
         for one in list(readers):
             if one.is_closing():
                 readers.remove(one)
-            elif one.transport.get_write_buffer_size() < MOST_WAITING_BYTES:
+            elif one.transport.get_write_buffer_size() < MAX_WAITING_BYTES:
                 one.write(line)
 
     def handle_failure(loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
@@ -218,18 +218,18 @@ async def _serve_socket(port: int) -> LineSink:
     return send_line
 
 
-def calc_most_readers() -> int:
+def calc_max_readers() -> int:
     """Returns the number of programs that may read from the socket. Some of the files that this
     process may open are reserved for itself, for the search for the machine, and for refused
     programs."""
     if sys.platform == "win32":
-        return MOST_READERS
+        return MAX_READERS
     import resource
 
     files, _most = resource.getrlimit(resource.RLIMIT_NOFILE)
     if files == resource.RLIM_INFINITY:
-        return MOST_READERS
-    return max(1, min(MOST_READERS, files - OWN_FILES - LISTEN_BACKLOG))
+        return MAX_READERS
+    return max(1, min(MAX_READERS, files - RESERVED_FILES - LISTEN_BACKLOG))
 
 
 class RareLine:
@@ -260,17 +260,17 @@ def _open_broker(url: str) -> Any:
         client.username_pw_set(where.username, os.environ.get(PASSWORD_VARIABLE))
     if where.scheme == "mqtts":
         client.tls_set()
-    client.will_set(f"{topic}/{ONLINE}", "0", retain=True)
+    client.will_set(f"{topic}/{ONLINE_TOPIC}", "0", retain=True)
 
     def note_connected(
         _client: Client, _given: Any, _flags: Any, why: Any, _properties: Any
     ) -> None:
         typer.echo(f"broker       {where.hostname}: {why}", err=True)
-        client.publish(f"{topic}/{ONLINE}", "1", retain=True)
+        client.publish(f"{topic}/{ONLINE_TOPIC}", "1", retain=True)
 
     def publish_line(line: bytes) -> None:
         if client.is_connected():
-            client.publish(f"{topic}/{FRAME}", line.rstrip(b"\n"))
+            client.publish(f"{topic}/{FRAME_TOPIC}", line.rstrip(b"\n"))
 
     def note_unreachable(_client: Client, _given: Any) -> None:
         unreached.print_rarely(f"broker       {where.hostname}: not reached; it is tried again")
@@ -281,7 +281,7 @@ def _open_broker(url: str) -> Any:
     try:
         yield publish_line
     finally:
-        _leave_broker(client, f"{topic}/{ONLINE}")
+        _leave_broker(client, f"{topic}/{ONLINE_TOPIC}")
 
 
 def _leave_broker(client: Client, topic: str) -> None:

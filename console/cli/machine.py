@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from topdress.console.cli.calibrate import EffortUnit
-from topdress.console.cli.outputs import Force, Output, list_log_files, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, Output, list_log_files, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
     from topdress.control.calibration.first_machine import MachineSuggestion
 
 # Time constant of a small drive, s, where neither the log nor the user gives one.
-USUAL_TIME_CONSTANT_S = 0.05
+DEFAULT_TIME_CONSTANT_S = 0.05
 # Relative uncertainty of times from a log, caused by the interval of rows or by a drive that is not
 # exactly of first order.
 TIME_TOLERANCE = 0.05
@@ -137,7 +137,7 @@ def make_machine_file(
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")
     ] = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Write a first machine file of one stage from a log, asking full speed, rows, direction
     and sensor noise, the time constant where the log does not show it, and in what its effort
@@ -146,7 +146,7 @@ def make_machine_file(
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
@@ -171,7 +171,7 @@ def make_machine_file(
     )
     write_atomically(out, text)
     # The written file is read again, which proves that it is valid.
-    load_config(str(out), MACHINE)
+    load_config(str(out), MACHINE_KIND)
     typer.echo(
         f"{out}: a {kind.value}, {made.full_rpm:g} "
         f"r/min{_describe_times(found, made)}{_describe_neutral(made)}; {answers.count} "
@@ -204,7 +204,9 @@ def _ask_missing(
     tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
     if tau_s is None:
         tau_s = answers.ask_number(
-            None, "Time constant of the drive, s (this log does not show it)", USUAL_TIME_CONSTANT_S
+            None,
+            "Time constant of the drive, s (this log does not show it)",
+            DEFAULT_TIME_CONSTANT_S,
         )
     return found._replace(
         full_rpm=full,

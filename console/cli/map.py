@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from topdress.console.cli.inputs import MAP_FILE_KINDS, load_machine, refuse_other_kinds
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     Output,
     find_machine_file,
     list_log_files,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.prescriptions.words import ImportedMap, RateChoice
     from topdress.drivers.files.read_log import RunLog
 
-MOST_SHOWN_RATES = 20
+MAX_SHOWN_RATES = 20
 
 
 def convert_map(
@@ -131,7 +131,7 @@ def convert_map(
         ),
     ] = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
     from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES
@@ -141,7 +141,7 @@ def convert_map(
     refuse_other_kinds([source], MAP_FILE_KINDS)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    holds = FileContent(source).holds
+    holds = FileContent(source).content_kind
     is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLE_SUFFIXES)
     if out is not None:
         refuse_collisions(_list_read_files(source, is_log, machine), [_make_output(out)], force)
@@ -321,12 +321,12 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
         f"{fallbacks.outside_kg_ha:g} outside, "
         f"{fallbacks.lost_kg_ha:g} with the position lost"
     )
-    for share in shares[:MOST_SHOWN_RATES]:
+    for share in shares[:MAX_SHOWN_RATES]:
         typer.echo(
             f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg"
         )
-    if len(shares) > MOST_SHOWN_RATES:
-        typer.echo(f"          ... {len(shares) - MOST_SHOWN_RATES} more rates")
+    if len(shares) > MAX_SHOWN_RATES:
+        typer.echo(f"          ... {len(shares) - MAX_SHOWN_RATES} more rates")
     typer.echo(
         f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha"
     )
@@ -360,11 +360,11 @@ def _export_log(
     loaded = load_machine(machine) if machine else None
     applied = build_as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
-        from topdress.console.reports.job_page import MOST_STRETCHES
+        from topdress.console.reports.job_page import MAX_DRAWN_SEGMENTS
 
         _write_job_report(
             build_as_applied(
-                log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)
+                log, loaded, given, max(every_s, applied.totals.worked_s / MAX_DRAWN_SEGMENTS)
             ),
             out,
             log,

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import typer
 from topdress.console.cli.plain_errors import CommandError
 
-Force = Annotated[
+ForceOption = Annotated[
     bool, typer.Option("--force", help="Replace what is there already (never what is read).")
 ]
 
@@ -80,9 +80,9 @@ def list_new_log_files(log: Path) -> tuple[Path, Path]:
 
 def find_machine_file(where: str) -> Path:
     """Returns the machine file of a shipped name or path. Raises ConfigError."""
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
-    return find_named_file(where, MACHINE.folder)
+    return find_named_file(where, MACHINE_KIND.folder)
 
 
 def find_named_file(where: str, folder: str) -> Path:

@@ -26,7 +26,7 @@ CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
 
 # Exit codes, which `topdress --help` lists.
-FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130
+EXIT_FAILED, EXIT_WRONG, EXIT_NOT_JUDGED, EXIT_OUR_FAULT, EXIT_CANCELLED = 1, 2, 3, 70, 130
 
 
 class CommandError(Exception):
@@ -44,10 +44,10 @@ def guard_command(command: CommandFunction) -> CommandFunction:
         except (ConfigError, TableError) as error:
             for line in error.lines:
                 typer.echo(line, err=True)
-            raise typer.Exit(WRONG) from None
+            raise typer.Exit(EXIT_WRONG) from None
         except (CommandError, ValueError, WorkerFailed) as error:
             typer.echo(join_lines(str(error)) or type(error).__name__, err=True)
-            raise typer.Exit(WRONG) from None
+            raise typer.Exit(EXIT_WRONG) from None
         except BrokenPipeError:  # `topdress decode ... | head` is no error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from None
@@ -56,12 +56,12 @@ def guard_command(command: CommandFunction) -> CommandFunction:
             # what was given is wrong, as of every command
             gone = isinstance(error, FileNotFoundError)
             typer.echo(f"{where}{'no such file' if gone else error.strerror or error}", err=True)
-            raise typer.Exit(WRONG if gone else FAILED) from None
+            raise typer.Exit(EXIT_WRONG if gone else EXIT_FAILED) from None
         except KeyboardInterrupt:
             # a terminal that has hung up hears nothing more
             with contextlib.suppress(OSError):
                 typer.echo("cancelled", err=True)
-            raise typer.Exit(CANCELLED) from None
+            raise typer.Exit(EXIT_CANCELLED) from None
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except Exception as error:
@@ -81,9 +81,12 @@ def _describe_unforeseen(error: Exception) -> tuple[str, int]:
         isinstance(error, ModuleNotFoundError)
         and (extra := find_extra(error.name or "")) is not None
     ):
-        return f"this needs the extra {extra}, not installed: {format_extra_line(extra)}", WRONG
+        return (
+            f"this needs the extra {extra}, not installed: {format_extra_line(extra)}",
+            EXIT_WRONG,
+        )
     said = join_lines(str(error))[:200]
-    return f"a fault of topdress: {type(error).__name__}: {said}; {_keep_trace()}", OUR_FAULT
+    return f"a fault of topdress: {type(error).__name__}: {said}; {_keep_trace()}", EXIT_OUR_FAULT
 
 
 def _refuse_not_finite(given: Mapping[str, Any]) -> None:

@@ -21,7 +21,7 @@ AsJson = Annotated[
 LINE_START = "\r\x1b[K"  # our own lines of progress begin with it
 
 
-RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
+RED_CODE, BLUE_CODE, RESET_CODE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
 _STEERING_NUMBERS = {code: f"\\u{code:04x}" for code in CONTROL_CODES}
 CONTINUATION = "    "  # of what a line goes on with
 
@@ -77,7 +77,7 @@ class PlainOutput(io.TextIOWrapper):
             or os.environ.get("TERM") == "dumb"
         ):
             return line
-        return f"{BLUE if line.startswith('note: ') else RED}{line}{NO_MORE}"
+        return f"{BLUE_CODE if line.startswith('note: ') else RED_CODE}{line}{RESET_CODE}"
 
 
 def print_json(found: Any) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import LOG_KINDS, load_machine, need_ending, refuse_other_kinds
+from topdress.console.cli.inputs import LOG_KINDS, load_machine, refuse_other_kinds, require_suffix
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     find_machine_file,
     list_log_files,
     make_marked_output,
@@ -59,7 +59,7 @@ def record_passes(
         ),
     ] = None,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for
     the farm's books."""
@@ -67,7 +67,7 @@ def record_passes(
     from topdress.drivers.files.farm_lines import RECORD_BEGIN
 
     refuse_other_kinds(logs, LOG_KINDS)
-    need_ending("--out", out, ".csv")
+    require_suffix("--out", out, ".csv")
     prices = _parse_prices(price or ())
     reads = [
         *(file for log in logs for file in list_log_files(log)),

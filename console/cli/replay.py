@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from topdress.console.cli.inputs import LOG_KINDS, refuse_bench_table, refuse_other_kinds
-from topdress.console.cli.outputs import Force, list_log_files, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, list_log_files, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.progress import iterate_with_progress
 from topdress.console.cli.whole_log import make_log_output, open_whole_log
@@ -40,7 +40,7 @@ def replay_log(
     ] = None,
     job: Annotated[str | None, typer.Option(metavar="JOB", help="Instead of the log's.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the log's.")] = None,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
     from topdress.console.services.rerun import load_rerun_setup

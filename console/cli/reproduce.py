@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, make_marked_output, refuse_collisions
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.console.cli.progress import iterate_with_progress
 
@@ -32,7 +32,7 @@ def reproduce_papers(
         int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")
     ] = 1,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Recompute the three papers: published next to obtained."""
     from topdress.console.reports.html import GENERATOR_META

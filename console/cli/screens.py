@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING
 import platformdirs
 import typer
 from topdress.console import import_hooks
-from topdress.console.cli.plain_errors import CANCELLED, CommandError, has_terminal, need_terminal
+from topdress.console.cli.plain_errors import (
+    EXIT_CANCELLED,
+    CommandError,
+    has_terminal,
+    need_terminal,
+)
 from topdress.console.locale import _
 from topdress.drivers import day_clock
 
@@ -29,12 +34,12 @@ if TYPE_CHECKING:
     from topdress.console.running import WorkerAddress
     from topdress.console.services.diagnosis import DiagnosisFiles
     from topdress.console.services.launcher import Launcher
-    from topdress.drivers.files.config import Loaded
+    from topdress.drivers.files.config import LoadedConfig
     from topdress.drivers.files.read_log import RunLog
     from topdress.drivers.files.setup import Setup
 
     # The setup, and its configuration files by kind.
-    SetupFiles = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
+    SetupFiles = tuple[Setup, Mapping[str, LoadedConfig[BaseModel]]]
 
 
 def show_run(
@@ -198,20 +203,24 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
     def make_calibrate() -> CalibrateService:
         from topdress.console.services.calibrate import make_calibrate_service
-        from topdress.drivers.files.kinds import CAB
+        from topdress.drivers.files.kinds import CAB_KIND
 
         setup, found = files()
-        cab = found.get(CAB.format)
-        board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
+        cab = found.get(CAB_KIND.format)
+        board = (
+            cab.model.board if cab is not None and isinstance(cab.model, CAB_KIND.model) else None
+        )
         return make_calibrate_service(setup.machine, board.wheel_circumference_m if board else None)
 
     def make_diagnosis() -> DiagnosisFiles:
         from topdress.console.services.diagnosis import DiagnosisFiles
-        from topdress.drivers.files.kinds import MACHINE
+        from topdress.drivers.files.kinds import MACHINE_KIND
 
         found = files()[1]
         folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
-        machine = str(found[MACHINE.format].path) if MACHINE.format in found else "huanghai"
+        machine = (
+            str(found[MACHINE_KIND.format].path) if MACHINE_KIND.format in found else "huanghai"
+        )
         return DiagnosisFiles(folders, machine, effects)
 
     def make_log_files() -> LogFiles:
@@ -292,7 +301,7 @@ def run_on_terminal(app: TopdressApp) -> None:
     with leave_with_terminal(app.leave_from_thread) as is_gone:
         app.run()
     if is_gone():
-        raise typer.Exit(CANCELLED)
+        raise typer.Exit(EXIT_CANCELLED)
 
 
 def make_trouble_path() -> Path:

@@ -19,7 +19,7 @@ from topdress.drivers.files.extras import require_extras
 TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"
 # Ten letters of this alphabet have 49 bits.
 TOKEN_LETTERS = 10
-LEAST_TOKEN_LETTERS = 6
+MIN_TOKEN_LETTERS = 6
 
 
 def serve_tablets(
@@ -80,10 +80,9 @@ def prepare_token(path: Path) -> bool:
     """
     if path.exists():
         lines = path.read_text(encoding="utf-8").strip().splitlines()
-        if not lines or len(lines[0].strip()) < LEAST_TOKEN_LETTERS:
+        if not lines or len(lines[0].strip()) < MIN_TOKEN_LETTERS:
             raise CommandError(
-                f"{path}: its first line is no key: at least {LEAST_TOKEN_LETTERS} letters or "
-                f"digits"
+                f"{path}: its first line is no key: at least {MIN_TOKEN_LETTERS} letters or digits"
             )
         return False
     path.parent.mkdir(parents=True, exist_ok=True)

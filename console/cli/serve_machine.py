@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from topdress.console.cli.inputs import JobName, MachineName, PlantedEffects
-from topdress.console.cli.outputs import Force, Output, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, Output, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.drivers import day_clock
 
@@ -65,7 +65,7 @@ def serve_virtual_machine(
         float,
         typer.Option(metavar="SECONDS", min=0.0, help="End after this long; 0: when interrupted."),
     ] = 0.0,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config
     virtual` connects to it."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from topdress.console.cli.inputs import JobName, MachineName, PlantedEffects
-from topdress.console.cli.outputs import Force, list_new_log_files, refuse_collisions
+from topdress.console.cli.outputs import ForceOption, list_new_log_files, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.console.cli.progress import iterate_with_progress
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 TICK_PERIOD_S = 0.05
 # Length of a run from which compiling the steps saves time, s.
-LONG_RUN_S = 600.0
+MIN_COMPILED_RUN_S = 600.0
 # Number of doses from which the threshold is learned.
 SETTLING_DOSES = 50
 TRUTH_COLUMNS = (
@@ -102,7 +102,7 @@ def run_simulation(
         bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")
     ] = False,
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
     from topdress.console.app.pages.job.map_words import describe_map_check
@@ -222,7 +222,7 @@ def _simulate_run(
     from topdress.drivers.files.extras import is_extra_installed
 
     compiled: CompiledSteps | None = None
-    if seconds >= LONG_RUN_S and is_extra_installed("diagnosis"):
+    if seconds >= MIN_COMPILED_RUN_S and is_extra_installed("diagnosis"):
         from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 
         compiled = COMPILED_STEPS

@@ -37,7 +37,7 @@ TAB_MEMORY_BYTES = 4 << 30
 TAB_NICENESS = 10
 # Number of addresses whose wrong keys are counted, more than a cab's network has, and size of the
 # file, bytes.
-MOST_ADDRESSES, MOST_BYTES = 100, 20_000
+MAX_ADDRESSES, MAX_WAITS_BYTES = 100, 20_000
 # Interval at which a tab checks whether its server still runs, s.
 PARENT_POLL_S = 0.5
 
@@ -118,7 +118,7 @@ class SharedKeyWaits:
             for address, waits in self._read_all_waits().items()
             if address != self._address
         }
-        newest = sorted(others.items(), key=lambda one: one[1][1])[-MOST_ADDRESSES:]
+        newest = sorted(others.items(), key=lambda one: one[1][1])[-MAX_ADDRESSES:]
         write_private_file(
             self._path, json.dumps(dict(newest) | {self._address: (wait_s, until_s)}).encode()
         )
@@ -128,7 +128,7 @@ class SharedKeyWaits:
             return {
                 str(address): (float(wait_s), float(until_s))
                 for address, (wait_s, until_s) in json.loads(
-                    self._path.read_bytes()[:MOST_BYTES]
+                    self._path.read_bytes()[:MAX_WAITS_BYTES]
                 ).items()
             }
         except (OSError, ValueError, TypeError, AttributeError):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from topdress.console.cli.inputs import LOG_KINDS, load_machine, refuse_other_kinds
 from topdress.console.cli.outputs import (
-    Force,
+    ForceOption,
     find_machine_file,
     list_log_files,
     make_marked_output,
@@ -50,7 +50,7 @@ def run_trial(
     ] = None,
     out: Annotated[Path, typer.Option(metavar="PAGE.html", help="The page.")] = Path("trial.html"),
     as_json: AsJson = False,
-    force: Force = False,
+    force: ForceOption = False,
 ) -> None:
     """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts
     and yields by plot."""

@@ -40,7 +40,7 @@ def watch_log(
     """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C
     ends."""
     from topdress.console.cli.plain_errors import CommandError
-    from topdress.console.services.live_check import POLL_S, follow_log, lower_priority
+    from topdress.console.services.live_check import LOG_POLL_S, follow_log, lower_priority
     from topdress.control.diagnosis.live.watch import MIN_LOG_S
 
     if log.exists() or to_end:
@@ -52,7 +52,7 @@ def watch_log(
 
     def wait_for_poll() -> bool:
         if not to_end:
-            time.sleep(POLL_S)
+            time.sleep(LOG_POLL_S)
         return not to_end
 
     try:

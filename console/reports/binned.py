@@ -14,17 +14,17 @@ from topdress.console.reports.variables import find_variable
 Array = npt.NDArray[np.float64]
 
 MEAN_BINS = 14
-LEAST_ROWS_IN_BIN = 3
+MIN_ROWS_IN_BIN = 3
 # A rate needs longer bins than a mean.
 RATE_BINS = 7
 # Shortest bin in which a rate is estimated, s.
-LEAST_RATE_S = 20.0
+MIN_RATE_BIN_S = 20.0
 # Multiple of the median interval above which a bin is omitted, because it would only stretch the
 # scale.
-VAGUE_FACTOR = 3.0
+MAX_INTERVAL_FACTOR = 3.0
 NORMAL_90 = 1.645
 # Share of an effect by which a later axis must be more telling in order to be chosen.
-CLEAR_SHARE = 0.03
+MIN_GAIN_SHARE = 0.03
 
 
 class Axis(NamedTuple):
@@ -67,7 +67,7 @@ def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedM
     keep = (index >= 0) & np.isfinite(y)
     index, y, x = index[keep], y[keep], axis.values[keep]
     number = np.bincount(index, minlength=count).astype(float)
-    there = number >= LEAST_ROWS_IN_BIN if len(y) > 4 * LEAST_ROWS_IN_BIN else number > 0
+    there = number >= MIN_ROWS_IN_BIN if len(y) > 4 * MIN_ROWS_IN_BIN else number > 0
     safe = np.maximum(number, 1.0)
     mean = np.bincount(index, y, minlength=count) / safe
     at = np.bincount(index, x, minlength=count) / safe
@@ -105,10 +105,10 @@ def calc_binned_rates(
     weights = inverse @ (white.T @ y)
     variance = float(np.sum((y - white @ weights) ** 2)) / max(1, len(y) - white.shape[1])
     lasts = np.bincount(index[known], minlength=count)
-    there = lasts * step_s >= LEAST_RATE_S
+    there = lasts * step_s >= MIN_RATE_BIN_S
     at = np.bincount(index[known], axis.values[known], minlength=count) / np.maximum(lasts, 1)
     half = NORMAL_90 * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
-    there &= half <= VAGUE_FACTOR * np.median(half[there]) if there.any() else there
+    there &= half <= MAX_INTERVAL_FACTOR * np.median(half[there]) if there.any() else there
     return BinnedMeans(at[there], weights[:count][there], half[there])
 
 
@@ -155,7 +155,7 @@ def find_telling_axis(axes: Sequence[Axis], effect: Array) -> Axis:
     best, most = axes[0], calc_shown_share(axes[0], effect)
     for axis in axes[1:]:
         share = calc_shown_share(axis, effect)
-        if share > most + CLEAR_SHARE:
+        if share > most + MIN_GAIN_SHARE:
             best, most = axis, share
     return best
 

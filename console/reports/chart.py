@@ -21,9 +21,14 @@ from topdress.console.reports.html import Picture, escape_text
 Array = npt.NDArray[np.float64]
 Values = npt.ArrayLike
 
-INK, LINE, GRID, DIM = "var(--ink)", "var(--line)", "var(--grid)", "var(--dim)"
-BEFORE, AFTER, THIRD = "var(--before)", "var(--after)", "var(--third)"
-PAPER = "var(--paper)"
+INK_COLOUR, LINE_COLOUR, GRID_COLOUR, DIM_COLOUR = (
+    "var(--ink)",
+    "var(--line)",
+    "var(--grid)",
+    "var(--dim)",
+)
+BEFORE_COLOUR, AFTER_COLOUR, THIRD_COLOUR = "var(--before)", "var(--after)", "var(--third)"
+PAPER_COLOUR = "var(--paper)"
 
 POINTS_PER_INCH = 72.0
 FONT_PT, SMALL_FONT_PT = 10.0, 9.0
@@ -42,7 +47,7 @@ TICK_X_PT, TICK_Y_PT = 55.0, 22.0
 MARGIN_SHARE = 0.05
 STEPS_OF_TEN = (1.0, 2.0, 2.5, 5.0, 10.0)
 # Powers of ten beyond which numbers are written as a power.
-LOWEST_POWER, HIGHEST_POWER = -4, 6
+MIN_PLAIN_POWER, MAX_PLAIN_POWER = -4, 6
 LEGEND_COLUMNS = 4
 COLOUR_BAR_PT = 62.0
 
@@ -73,7 +78,7 @@ def find_ticks(low: float, high: float, most: int) -> list[Tick]:
 
 def _format_tick(value: float, decimals: int) -> str:
     value += 0.0
-    if value and not LOWEST_POWER <= log10(abs(value)) < HIGHEST_POWER:
+    if value and not MIN_PLAIN_POWER <= log10(abs(value)) < MAX_PLAIN_POWER:
         text = f"{value:.3g}"
     else:
         text = f"{value:.{decimals}f}"
@@ -103,7 +108,7 @@ def _format_stroke(colour: str, width: float, dash: str = "-") -> str:
 def _draw_text(
     x: float, y: float, text: str, anchor: str = "start", font_pt: float = FONT_PT, **more: str
 ) -> str:
-    colour, turn = more.get("colour", INK), more.get("turn", "")
+    colour, turn = more.get("colour", INK_COLOUR), more.get("turn", "")
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{font_pt:g}px;text-anchor:{anchor};'
         f'fill:{colour}"{turn}>{escape_text(text)}</text>'
@@ -170,11 +175,11 @@ Drawing = Callable[[_PanelScales], str]
 
 
 @dataclass
-class Panel:
+class ChartPanel:
     """Holds one pair of axes. Its drawings are placed when the sheet is made."""
 
     title: str = ""
-    title_colour: str = INK
+    title_colour: str = INK_COLOUR
     x_label: str = ""
     y_label: str = ""
     # Named positions on the x axis in place of numbers.
@@ -292,7 +297,13 @@ class Panel:
         self._add_drawing(draw_band)
 
     def draw_level(
-        self, y: float, colour: str = DIM, *, width: float = 0.9, dash: str = "-", label: str = ""
+        self,
+        y: float,
+        colour: str = DIM_COLOUR,
+        *,
+        width: float = 0.9,
+        dash: str = "-",
+        label: str = "",
     ) -> None:
         """Draws a horizontal line across the panel at one value."""
         self._collect_values((), (y,))
@@ -307,7 +318,7 @@ class Panel:
     def draw_moment(
         self,
         x: float,
-        colour: str = INK,
+        colour: str = INK_COLOUR,
         *,
         width: float = 1.4,
         dash: str = ":",
@@ -459,12 +470,12 @@ class ChartSheet:
         shares_y: bool = False,
     ) -> None:
         self.width_pt, self.height_pt = width_in * POINTS_PER_INCH, height_in * POINTS_PER_INCH
-        self.panels = [[Panel() for _ in range(columns)] for _ in range(rows)]
+        self.panels = [[ChartPanel() for _ in range(columns)] for _ in range(rows)]
         self.shares_x, self.shares_y = shares_x, shares_y
         self.colour_bar: ColourBar | None = None
 
     @property
-    def panel(self) -> Panel:
+    def panel(self) -> ChartPanel:
         """The first panel."""
         return self.panels[0][0]
 
@@ -492,7 +503,7 @@ class ChartSheet:
             f"\n{body}{legend}\n</svg>"
         )
 
-    def _list_panels(self) -> list[Panel]:
+    def _list_panels(self) -> list[ChartPanel]:
         return [panel for row in self.panels for panel in row]
 
     def _draw_legend(self, looks: dict[str, SeriesStyle]) -> tuple[str, float]:
@@ -592,18 +603,18 @@ class _PanelFrame(NamedTuple):
     left: float = 0.0
     right: float = 0.0
 
-    def find_x_ticks(self, panel: Panel) -> list[Tick]:
+    def find_x_ticks(self, panel: ChartPanel) -> list[Tick]:
         """Returns round numbers along the x axis."""
         most = max(2, int((self.right - self.left) / TICK_X_PT))
         return list(panel.x_names) or panel.make_x_ticks(*self.x_ends, most)
 
-    def find_y_ticks(self, panel: Panel) -> list[Tick]:
+    def find_y_ticks(self, panel: ChartPanel) -> list[Tick]:
         """Returns round numbers along the y axis."""
         most = max(2, int((self.bottom - self.top) / TICK_Y_PT))
         return list(panel.y_names) or find_ticks(*self.y_ends, most)
 
 
-def _draw_panel(panel: Panel, frame: _PanelFrame) -> str:
+def _draw_panel(panel: ChartPanel, frame: _PanelFrame) -> str:
     left, right, top, bottom = frame.left, frame.right, frame.top, frame.bottom
     if panel.has_equal_scales:
         x_ends, y_ends = _equalise_scales(
@@ -619,14 +630,18 @@ def _draw_panel(panel: Panel, frame: _PanelFrame) -> str:
     drawn = "".join(draw(scales) for draw in panel.drawings)
     axes = f"M{left:.1f} {top:.1f}V{bottom:.1f}H{right:.1f}"
     return (
-        f'<path d="{"".join(grid)}" style="{_format_stroke(GRID, 0.6)}"/>{drawn}'
-        f'<path d="{axes}" style="{_format_stroke(LINE, 0.8)}"/>'
+        f'<path d="{"".join(grid)}" style="{_format_stroke(GRID_COLOUR, 0.6)}"/>{drawn}'
+        f'<path d="{axes}" style="{_format_stroke(LINE_COLOUR, 0.8)}"/>'
         + _draw_panel_words(panel, frame, scales, x_ticks, y_ticks)
     )
 
 
 def _draw_panel_words(
-    panel: Panel, frame: _PanelFrame, scales: _PanelScales, x_ticks: list[Tick], y_ticks: list[Tick]
+    panel: ChartPanel,
+    frame: _PanelFrame,
+    scales: _PanelScales,
+    x_ticks: list[Tick],
+    y_ticks: list[Tick],
 ) -> str:
     left, top, right, bottom = frame.left, frame.top, frame.right, frame.bottom
     parts = []

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.chart import AFTER, BEFORE, INK, ChartSheet
+from topdress.console.reports.chart import AFTER_COLOUR, BEFORE_COLOUR, INK_COLOUR, ChartSheet
 from topdress.console.reports.diagnosis_wording import describe_improvement
 from topdress.console.reports.html import (
     Picture,
@@ -23,7 +23,7 @@ from topdress.console.reports.html import (
     make_page,
 )
 from topdress.console.reports.numbers import format_number
-from topdress.console.reports.panels import MEASURED
+from topdress.console.reports.panels import MEASURED_LABEL
 from topdress.control.diagnosis.runs.compared import Compared, ComparedChannel
 
 # Path of each log and the comparison of its channels.
@@ -100,11 +100,11 @@ def summarise_terminal(logs: ComparedLogs, old: str, new: str) -> list[str]:
 
 Array = npt.NDArray[np.float64]
 
-OLD, NEW = "old machine file", "new machine file"
+OLD_LABEL, NEW_LABEL = "old machine file", "new machine file"
 # Number of rows shown in full, where the two predictions differ most.
-MOST_STRETCH_ROWS = 400
+MAX_SHOWN_ROWS = 400
 TIME_BINS = 60
-LEAST_ROWS_IN_BIN = 5
+MIN_ROWS_IN_BIN = 5
 
 
 def make_compare_page(logs: ComparedLogs, old: str, new: str) -> str:
@@ -168,15 +168,22 @@ def draw_comparison(one: ComparedChannel) -> Picture:
     left, right = sheet.panels[0]
     at = one.time_s[rows]
     left.plot(
-        at, one.measured[rows], INK, dash="", marker=".", size=7.0, opacity=0.55, label=MEASURED
+        at,
+        one.measured[rows],
+        INK_COLOUR,
+        dash="",
+        marker=".",
+        size=7.0,
+        opacity=0.55,
+        label=MEASURED_LABEL,
     )
-    left.plot(at, one.of_old[rows], BEFORE, dash="--", label=OLD)
-    left.plot(at, one.of_new[rows], AFTER, label=NEW)
+    left.plot(at, one.of_old[rows], BEFORE_COLOUR, dash="--", label=OLD_LABEL)
+    left.plot(at, one.of_new[rows], AFTER_COLOUR, label=NEW_LABEL)
     left.label("time, s", f"{one.channel}, {one.unit}", "where the two differ most")
     right.draw_level(0.0)
     for series, colour, dash, label in (
-        (one.of_old, BEFORE, "--", OLD),
-        (one.of_new, AFTER, "-", NEW),
+        (one.of_old, BEFORE_COLOUR, "--", OLD_LABEL),
+        (one.of_new, AFTER_COLOUR, "-", NEW_LABEL),
     ):
         times_s, errors = _calc_rms_over_time(one.time_s, one.measured - series)
         right.plot(times_s, errors, colour, dash=dash, width=1.4, label=label)
@@ -190,7 +197,7 @@ def draw_comparison(one: ComparedChannel) -> Picture:
 
 def _find_stretch(one: ComparedChannel) -> slice:
     """Returns the rows of the interval in which both predictions differ most."""
-    count = min(MOST_STRETCH_ROWS, len(one.time_s))
+    count = min(MAX_SHOWN_ROWS, len(one.time_s))
     total = np.concatenate(([0.0], np.cumsum(np.square(one.of_old - one.of_new))))
     begin = int(np.argmax(total[count:] - total[:-count])) if count < len(one.time_s) else 0
     return slice(begin, begin + count)
@@ -200,7 +207,7 @@ def _calc_rms_over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
     """Returns the root mean square of errors (m,) in equal bins of time: times (k,) and values
     (k,)."""
     order = np.argsort(time_s, kind="stable")
-    pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // LEAST_ROWS_IN_BIN)))
+    pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // MIN_ROWS_IN_BIN)))
     return (
         np.array([float(np.mean(time_s[piece])) for piece in pieces]),
         np.array([float(np.sqrt(np.mean(np.square(errors[piece])))) for piece in pieces]),

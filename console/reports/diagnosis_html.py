@@ -37,7 +37,7 @@ from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, T
 from topdress.control.machine.machine import CATALOGUE
 
 # Size of the small bars in the text, for an interval about its value and for shares, points.
-WIDTH, HEIGHT = 220.0, 22.0
+BAR_WIDTH, BAR_HEIGHT = 220.0, 22.0
 BAR_MARGIN = 8.0
 
 
@@ -48,18 +48,18 @@ def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
     wide = (most - least) or 1.0
 
     def place_value(x: float) -> float:
-        return BAR_MARGIN + (x - least) / wide * (WIDTH - 2.0 * BAR_MARGIN)
+        return BAR_MARGIN + (x - least) / wide * (BAR_WIDTH - 2.0 * BAR_MARGIN)
 
-    middle = HEIGHT / 2.0
+    middle = BAR_HEIGHT / 2.0
     return (
-        f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" '
-        f'height="{HEIGHT:g}" role="img" '
+        f'<svg class="bar" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}" width="{BAR_WIDTH:g}" '
+        f'height="{BAR_HEIGHT:g}" role="img" '
         f'aria-label="{said}"><line class="base" x1="{place_value(least):.1f}" x2="'
         f'{place_value(most):.1f}" '
         f'y1="{middle:g}" '
         f'y2="{middle:g}"/><line class="zero" x1="{place_value(0.0):.1f}" x2="'
         f'{place_value(0.0):.1f}" y1="2" '
-        f'y2="{HEIGHT - 2.0:g}"/>'
+        f'y2="{BAR_HEIGHT - 2.0:g}"/>'
         f'<line class="interval" x1="{place_value(low):.1f}" x2="{place_value(high):.1f}" y1="'
         f'{middle:g}" '
         f'y2="{middle:g}"/>'
@@ -69,11 +69,11 @@ def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
 
 def draw_share_bar(share: float, said: str, leading: bool) -> str:
     """Returns a bar filled to a share between 0 and 1."""
-    full = WIDTH - 2.0 * BAR_MARGIN
+    full = BAR_WIDTH - 2.0 * BAR_MARGIN
     filled = full * min(1.0, max(0.0, share))
     return (
-        f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" '
-        f'height="{HEIGHT:g}" role="img" '
+        f'<svg class="bar" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}" width="{BAR_WIDTH:g}" '
+        f'height="{BAR_HEIGHT:g}" role="img" '
         f'aria-label="{said}"><rect class="trough" x="{BAR_MARGIN:g}" y="5" width="{full:g}" '
         'height="12" rx="2"/>'
         f'<rect class="{"share" if leading else "other"}" x="{BAR_MARGIN:g}" y="5" '
@@ -312,7 +312,7 @@ def _format_alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str
 
 
 def _format_not_shown(found: Diagnosis) -> str:
-    seen, blind, elsewhere = sentences.list_not_seen(found)
+    seen, blind, elsewhere = sentences.list_undetected_effects(found)
     inside = []
     if seen:
         inside += [

@@ -14,7 +14,7 @@ from topdress.control.diagnosis.runs.rates import describe_rate_value
 from topdress.control.diagnosis.runs.several import JointDiagnosis
 from topdress.control.machine.machine import CATALOGUE
 
-MOST_SHOWN_LIMITS = 8
+MAX_SHOWN_LIMITS = 8
 
 
 def summarise_terminal(found: Diagnosis) -> list[str]:
@@ -175,17 +175,17 @@ def _describe_cause(cause: Cause) -> list[str]:
 
 
 def _describe_not_shown(found: Diagnosis) -> list[str]:
-    seen, blind, _elsewhere = diagnosis_wording.list_not_seen(found)
+    seen, blind, _elsewhere = diagnosis_wording.list_undetected_effects(found)
     lines = []
     if seen:
         detectable = [
             f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} "
             f"{one.smallest_detectable.unit}"
-            for one in seen[:MOST_SHOWN_LIMITS]
+            for one in seen[:MAX_SHOWN_LIMITS]
         ]
         more = (
-            f" and {len(seen) - MOST_SHOWN_LIMITS} more (--json)"
-            if len(seen) > MOST_SHOWN_LIMITS
+            f" and {len(seen) - MAX_SHOWN_LIMITS} more (--json)"
+            if len(seen) > MAX_SHOWN_LIMITS
             else ""
         )
         lines.append(f"would have been seen from: {'; '.join(detectable)}{more}")

@@ -35,7 +35,7 @@ from topdress.control.diagnosis.result import (
 from topdress.control.machine.machine import CATALOGUE
 
 # Smallest probability of a cause that a headline names.
-HEADLINE_PROB = 0.5
+MIN_HEADLINE_PROB = 0.5
 PLACE_DIGITS = 2
 
 # Words of each verdict: in a sentence, as a single word, and as a symbol.
@@ -96,7 +96,7 @@ def list_rivals(cause: Cause) -> tuple[tuple[str, float], ...]:
 def is_headline(cause: Cause) -> bool:
     """Returns whether a cause is likely enough for a headline; a less likely cause is only
     suspected."""
-    return cause.probability >= HEADLINE_PROB and all(
+    return cause.probability >= MIN_HEADLINE_PROB and all(
         share < cause.probability for _rival, share in list_rivals(cause)
     )
 
@@ -285,7 +285,7 @@ def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(kept), tuple(refused)
 
 
-class NotSeen(NamedTuple):
+class UndetectedEffects(NamedTuple):
     """Lists effects that were not found.
 
     `seen` has the smallest size at which each would have been found, `blind` the effects that these
@@ -298,7 +298,7 @@ class NotSeen(NamedTuple):
     elsewhere: tuple[str, ...]
 
 
-def list_not_seen(found: Diagnosis) -> NotSeen:
+def list_undetected_effects(found: Diagnosis) -> UndetectedEffects:
     """Returns the effects that were not found. Several kinds of data are joined by a plus."""
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
     hoped_for = [
@@ -311,7 +311,7 @@ def list_not_seen(found: Diagnosis) -> NotSeen:
             for where in CATALOGUE[one].effect.seen_in
         )
     ]
-    return NotSeen(
+    return UndetectedEffects(
         tuple(one for one in found.not_shown if one.smallest_detectable.value is not None),
         tuple(hoped_for),
         tuple(one for one in blind if one not in hoped_for),

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import ceil, floor
 
 from topdress.console.locale import N_, _
-from topdress.console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
+from topdress.console.reports.chart import AFTER_COLOUR, BEFORE_COLOUR, DIM_COLOUR, ChartSheet, Tick
 from topdress.console.reports.html import (
     Picture,
     escape_text,
@@ -36,9 +36,9 @@ from topdress.control.machine.machine import CATALOGUE
 from topdress.drivers import day_clock
 
 # Number of machines with pictures.
-MOST_PICTURED = 40
+MAX_PICTURED_MACHINES = 40
 # Number of dates along a picture.
-MOST_DATES = 7
+MAX_DATES = 7
 FACTOR_NAMES = {
     "product": N_("product"),
     "operator": N_("operator"),
@@ -148,7 +148,7 @@ def make_fleet_page(
         *_make_level_tables(fit, units),
         *(
             _format_machine(one, units, number)
-            for number, one in enumerate(machines[:MOST_PICTURED])
+            for number, one in enumerate(machines[:MAX_PICTURED_MACHINES])
             if any(cost.cause.pieces for cost in one.costs)
         ),
         format_section(
@@ -405,11 +405,11 @@ def _draw_course(course: SeasonCause, unit: str, kg: str) -> Picture:
     panel = sheet.panel
     panel.make_x_ticks = _make_date_ticks
     panel.plot_intervals(
-        course.times_d, course.sizes, course.halves, BEFORE, bar_colour=DIM, size=3.0
+        course.times_d, course.sizes, course.halves, BEFORE_COLOUR, bar_colour=DIM_COLOUR, size=3.0
     )
     for piece in course.pieces:
         ends_d = piece.begin_d, piece.end_d
-        panel.plot(ends_d, (piece.begin, piece.end), AFTER, width=2.0)
+        panel.plot(ends_d, (piece.begin, piece.end), AFTER_COLOUR, width=2.0)
     panel.draw_level(0.0)
     panel.label("", unit, find_member_title(course.effect))
     return Picture(sheet.to_svg(said), said)
@@ -417,7 +417,7 @@ def _draw_course(course: SeasonCause, unit: str, kg: str) -> Picture:
 
 def _make_date_ticks(low_d: float, high_d: float, most: int) -> list[Tick]:
     """Returns whole days between two times (days since 1970), at most `most`, as dates."""
-    every = max(1, ceil((high_d - low_d) / min(most, MOST_DATES)))
+    every = max(1, ceil((high_d - low_d) / min(most, MAX_DATES)))
     return [(float(day), _format_date(day)) for day in range(ceil(low_d), floor(high_d) + 1, every)]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from topdress.console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
+from topdress.console.reports.chart import AFTER_COLOUR, BEFORE_COLOUR, THIRD_COLOUR, ChartSheet
 from topdress.console.reports.html import Picture, escape_text, format_facts
 from topdress.control.field.job_names import JobNames
 from topdress.control.orders import Severity
@@ -15,7 +15,7 @@ from topdress.control.safety import ALARMS
 from topdress.drivers.files.read_log import RunLog
 
 # Number of kinds of alarms on the time line; the longest are shown.
-MOST_ALARM_KINDS = 12
+MAX_ALARM_KINDS = 12
 
 
 class AlarmSpan(NamedTuple):
@@ -167,12 +167,12 @@ def draw_time_line(about: JobMetadata) -> Picture | None:
     longest: dict[str, float] = {}
     for span in happened.alarms:
         longest[span.id] = longest.get(span.id, 0.0) + span.to_s - span.from_s
-    kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARM_KINDS]
+    kinds = sorted(longest, key=lambda name: -longest[name])[:MAX_ALARM_KINDS]
     sheet = ChartSheet(6.6, 0.9 + 0.28 * (2 + len(kinds)))
     panel = sheet.panel
-    panel.draw_spans([(a / 60.0, b / 60.0) for a, b in happened.working], 0.0, AFTER)
+    panel.draw_spans([(a / 60.0, b / 60.0) for a, b in happened.working], 0.0, AFTER_COLOUR)
     refills_min = [at / 60.0 for at, _kg in happened.refills]
-    panel.plot(refills_min, [1.0] * len(refills_min), THIRD, dash="", marker="v")
+    panel.plot(refills_min, [1.0] * len(refills_min), THIRD_COLOUR, dash="", marker="v")
     for at_s, kg in happened.refills:
         panel.write(at_s / 60.0, 1.0, f"{kg:.0f} kg")
     for row, name in enumerate(kinds, 2):
@@ -182,7 +182,7 @@ def draw_time_line(about: JobMetadata) -> Picture | None:
             for one in happened.alarms
             if one.id == name
         ]
-        panel.draw_spans(spans, float(row), BEFORE if red else THIRD)
+        panel.draw_spans(spans, float(row), BEFORE_COLOUR if red else THIRD_COLOUR)
     rows = ["at work", "refills", *(name.replace("_", " ") for name in kinds)]
     panel.y_names = tuple((float(row), name) for row, name in enumerate(rows))
     panel.y_ends = len(rows) - 0.5, -0.5

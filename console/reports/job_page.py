@@ -6,7 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.chart import AFTER, BEFORE, LINE, ChartSheet, ColourBar
+from topdress.console.reports.chart import (
+    AFTER_COLOUR,
+    BEFORE_COLOUR,
+    LINE_COLOUR,
+    ChartSheet,
+    ColourBar,
+)
 from topdress.console.reports.html import (
     Picture,
     escape_text,
@@ -28,14 +34,14 @@ from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.exports.as_applied import AsApplied
 
 # End of the histogram; larger errors are counted in its outermost bars.
-LARGEST_ERROR_PERCENT = 20.0
+MAX_SHOWN_ERROR_PERCENT = 20.0
 # Number of segments up to which a map draws each one.
-MOST_STRETCHES = 4000
+MAX_DRAWN_SEGMENTS = 4000
 # Percentile of the segments with normal effort, low enough for a job that is clogged most of the
 # time.
-EASY_PERCENTILE = 25.0
+NORMAL_EFFORT_PERCENTILE = 25.0
 # of what a sound drive is off from run to run, by the machine file's tolerance
-RISE_SD = 2.0
+EFFORT_RISE_SD = 2.0
 Values = npt.NDArray[np.float64]
 TARGET_NOTE = (
     "<p>The target is what control held for each stretch, in steps. What the crop needed "
@@ -247,7 +253,7 @@ def calc_effort_rise(applied: AsApplied) -> Values:
     """
     percent = applied.stretches.effort_percent
     return (
-        percent - np.nanpercentile(percent, EASY_PERCENTILE)
+        percent - np.nanpercentile(percent, NORMAL_EFFORT_PERCENTILE)
         if np.isfinite(percent).any()
         else percent
     )
@@ -259,7 +265,10 @@ def format_effort_section(applied: AsApplied) -> str:
     rise, s = calc_effort_rise(applied), applied.stretches
     if not np.isfinite(rise).any():
         return ""
-    least, worst = RISE_SD * applied.machine.tolerance.effort_percent, int(np.nanargmax(rise))
+    least, worst = (
+        EFFORT_RISE_SD * applied.machine.tolerance.effort_percent,
+        int(np.nanargmax(rise)),
+    )
     place = (
         f"{format_fixed(float(s.lat_deg[worst]), 6)}, {format_fixed(float(s.lon_deg[worst]), 6)}"
     )
@@ -314,7 +323,7 @@ def _draw_ground_maps(
         if applied.field_deg is not None:
             edge = plane.project_many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
             east_m, north_m = np.vstack((edge, edge[:1])).T
-            panel.plot(east_m, north_m, LINE, width=1.0)
+            panel.plot(east_m, north_m, LINE_COLOUR, width=1.0)
         panel.has_equal_scales = True
         panel.label("east, m", "north, m", word)
     return sheet.to_svg(title)
@@ -350,11 +359,11 @@ def draw_error_histogram(applied: AsApplied) -> Picture | None:
     if not len(error):
         return None
     sheet = ChartSheet(6.4, 2.8)
-    edges = np.linspace(-LARGEST_ERROR_PERCENT, LARGEST_ERROR_PERCENT, 41)
-    inside = np.clip(error, -LARGEST_ERROR_PERCENT, LARGEST_ERROR_PERCENT)
+    edges = np.linspace(-MAX_SHOWN_ERROR_PERCENT, MAX_SHOWN_ERROR_PERCENT, 41)
+    inside = np.clip(error, -MAX_SHOWN_ERROR_PERCENT, MAX_SHOWN_ERROR_PERCENT)
     share = np.histogram(inside, edges, weights=area)[0]
-    sheet.panel.draw_bars(edges, 100.0 * share / area.sum(), AFTER)
-    sheet.panel.draw_moment(0.0, BEFORE, width=1.2, dash="-")
+    sheet.panel.draw_bars(edges, 100.0 * share / area.sum(), AFTER_COLOUR)
+    sheet.panel.draw_moment(0.0, BEFORE_COLOUR, width=1.2, dash="-")
     sheet.panel.label(
         "applied against target, % (outermost bars: and beyond)", "share of the area, %"
     )

@@ -9,7 +9,7 @@ from topdress.console.reports.diagnosis_wording import find_effect_title, name_c
 from topdress.control.diagnosis.result import Departure
 
 # Share of the dose, %, below which no number is given.
-LEAST_SHOWN_PERCENT = 0.5
+MIN_SHOWN_PERCENT = 0.5
 
 
 def format_departure(found: Departure, since: str, why: bool = True) -> str:
@@ -31,7 +31,7 @@ def format_departure(found: Departure, since: str, why: bool = True) -> str:
 def describe_change(found: Departure) -> str:
     """Returns the departing channel, and the departure as a share of the dose."""
     channel = name_channel(found.channel)
-    if found.percent is None or abs(found.percent) < LEAST_SHOWN_PERCENT:
+    if found.percent is None or abs(found.percent) < MIN_SHOWN_PERCENT:
         return _("{channel} is not as it should be").format(channel=channel)
     share = (
         f"{abs(found.percent):.0f}" if abs(found.percent) >= 2.0 else f"{abs(found.percent):.1f}"

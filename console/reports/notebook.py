@@ -78,7 +78,7 @@ class Pictures:
         return place
 
 
-MOST_SUMMARY_LINES = 15
+MAX_SUMMARY_LINES = 15
 
 
 def summarise_diagnosis(found: Diagnosis) -> str:
@@ -113,9 +113,9 @@ def summarise_diagnosis(found: Diagnosis) -> str:
     ]
     if found.next_run is not None:
         lines.append(f"next run: {found.next_run.plan}")
-    if len(lines) > MOST_SUMMARY_LINES:
-        over = len(lines) - MOST_SUMMARY_LINES + 1
-        lines = [*lines[: MOST_SUMMARY_LINES - 1], f"and {over} lines more: found.to_json()"]
+    if len(lines) > MAX_SUMMARY_LINES:
+        over = len(lines) - MAX_SUMMARY_LINES + 1
+        lines = [*lines[: MAX_SUMMARY_LINES - 1], f"and {over} lines more: found.to_json()"]
     return "\n".join(lines)
 
 
@@ -208,10 +208,10 @@ def load_named_machine(name: str) -> Machine:
     line."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     try:
-        return load_config(name, MACHINE).model
+        return load_config(name, MACHINE_KIND).model
     except ConfigError as error:
         raise ValueError(error.lines[0]) from None
 

@@ -7,23 +7,23 @@ from __future__ import annotations
 from math import floor, isfinite, log10
 
 MINUS_SIGN = "\N{MINUS SIGN}"
-MOST_DECIMALS = 6
+MAX_DECIMALS = 6
 # Number of digits of a value, however narrow its interval.
-MOST_VALUE_DIGITS = 4
+MAX_VALUE_DIGITS = 4
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
     """Returns the value with `digits` significant digits; a dash for an unknown value."""
     if value is None or not isfinite(value):
         return "\N{EN DASH}"
-    if abs(value) < 0.5 * 10.0**-MOST_DECIMALS:
+    if abs(value) < 0.5 * 10.0**-MAX_DECIMALS:
         return "0"
     return format_fixed(value, digits - 1 - floor(log10(abs(value))))
 
 
 def format_fixed(value: float, decimals: int) -> str:
     """Returns the value with `decimals` decimals; negative numbers round to tens, hundreds."""
-    decimals = min(MOST_DECIMALS, decimals)
+    decimals = min(MAX_DECIMALS, decimals)
     text = f"{round(value, decimals):.{max(0, decimals)}f}"
     if not text.strip("-0."):
         return text.lstrip("-")
@@ -55,7 +55,7 @@ def format_with_interval(value: float, low: float | None, high: float | None) ->
         return format_number(value), ""
     largest = max(abs(low), abs(high))
     decimals = max(
-        0, min(count_decimals(0.5 * (high - low)), MOST_VALUE_DIGITS - 1 - floor(log10(largest)))
+        0, min(count_decimals(0.5 * (high - low)), MAX_VALUE_DIGITS - 1 - floor(log10(largest)))
     )
     least, most = format_fixed(low, decimals), format_fixed(high, decimals)
     return format_fixed(

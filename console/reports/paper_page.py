@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from topdress.console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
+from topdress.console.reports.chart import AFTER_COLOUR, BEFORE_COLOUR, THIRD_COLOUR, ChartSheet
 from topdress.console.reports.html import Picture as Drawn
 from topdress.console.reports.html import (
     escape_text,
@@ -18,7 +18,7 @@ from topdress.console.reports.html import (
 from topdress.console.reports.numbers import format_fixed
 from topdress.control.papers.page import Cell, Picture, Section, Table
 
-SERIES_COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}
+SERIES_COLOURS = {"published": BEFORE_COLOUR, "ours": AFTER_COLOUR, "other": THIRD_COLOUR}
 PAPERS_STYLE = """
 h3 { margin: 2rem 0 .5rem; } figure { margin: 2rem 0; }
 .contents ul { columns: 1; margin: .2rem 0; padding-left: 1.2rem; } .contents a { color:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from topdress.console.reports import run_pictures, table_pictures
-from topdress.console.reports.chart import AFTER, PAPER, THIRD, ChartSheet
+from topdress.console.reports.chart import AFTER_COLOUR, PAPER_COLOUR, THIRD_COLOUR, ChartSheet
 from topdress.console.reports.html import Picture
 from topdress.console.reports.run_views import list_effect_instances, make_run_views
 from topdress.console.reports.table_views import COARSE_CLOCK, make_table_views
@@ -28,8 +28,10 @@ def draw_term(found: TermFound) -> Picture | None:
     sheet = ChartSheet(6.4, 3.4)
     panel, order = sheet.panel, np.argsort(at)
     panel.draw_level(0.0)
-    panel.plot(at[order], by_term[order], THIRD, width=2.0, label="the term")
-    panel.plot(at, seen, AFTER, dash="", marker="s", fill=PAPER, label="means of the data")
+    panel.plot(at[order], by_term[order], THIRD_COLOUR, width=2.0, label="the term")
+    panel.plot(
+        at, seen, AFTER_COLOUR, dash="", marker="s", fill=PAPER_COLOUR, label="means of the data"
+    )
     panel.label(label, f"{found.stage} over nominal, {found.unit}", found.term["id"])
     return sheet.make_picture(
         describe_term(found.term),

@@ -9,13 +9,22 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.binned import Axis, calc_shown_share
-from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
+from topdress.console.reports.chart import (
+    AFTER_COLOUR,
+    BEFORE_COLOUR,
+    DIM_COLOUR,
+    INK_COLOUR,
+    PAPER_COLOUR,
+    THIRD_COLOUR,
+    ChartPanel,
+    ChartSheet,
+)
 from topdress.console.reports.html import Picture
 from topdress.console.reports.panels import (
-    EXTENDED,
-    MEASURED,
-    NOMINAL,
-    OTHER_CAUSES,
+    EXTENDED_LABEL,
+    MEASURED_LABEL,
+    NOMINAL_LABEL,
+    OTHER_CAUSES_LABEL,
     draw_residual_panel,
     draw_smooth_line,
 )
@@ -27,16 +36,16 @@ from topdress.control.machine.machine import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 # Share of an effect below which means over the axis do not show it.
-LEAST_MEANS_SHARE = 0.25
+MIN_MEANS_SHARE = 0.25
 # Share from which means alone are sufficient.
-WHOLE_MEANS_SHARE = 0.8
+SUFFICIENT_MEANS_SHARE = 0.8
 # Lengths of the intervals that are shown in full, by view, s.
-STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
+INTERVAL_S_OF_VIEW = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
 TIME_BINS = 90
 # A rate needs longer bins.
 RATE_BINS = 24
 # Change of an effect's strength in an interval below which it counts as constant.
-LEAST_CHANGE = 0.01
+MIN_STRENGTH_CHANGE = 0.01
 BAND_NOTE = "The band is the 90 % interval of each mean."
 
 
@@ -50,7 +59,7 @@ def draw_cause(
         return []
     view, effect = found
     others = tuple(one for one in view.select_own_parts(parts) if one != part)
-    first = OTHER_CAUSES if others else NOMINAL
+    first = OTHER_CAUSES_LABEL if others else NOMINAL_LABEL
     before, after = view.calc_residual(others), view.calc_residual(parts)
     axis = view.find_effect_axis(part, effect)
     panels = _choose_panels(view, axis, calc_shown_share(axis, effect), part)
@@ -93,21 +102,21 @@ def draw_cause(
 def _choose_panels(view: ChannelView, axis: Axis, share: float, part: EffectInstance) -> list[str]:
     """Returns the panels: means over the axis where they show the effect; an interval in full where
     means do not show all of it, or time matters."""
-    stretch = view.name in STRETCH_S and (
-        share < WHOLE_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
+    stretch = view.name in INTERVAL_S_OF_VIEW and (
+        share < SUFFICIENT_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
     )
-    means = share >= LEAST_MEANS_SHARE or not stretch
+    means = share >= MIN_MEANS_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
 def _draw_stretch(
-    panel: Panel,
+    panel: ChartPanel,
     view: ChannelView,
     others: tuple[EffectInstance, ...],
     effect: Array,
     part: EffectInstance,
 ) -> None:
-    wide = STRETCH_S[view.name]
+    wide = INTERVAL_S_OF_VIEW[view.name]
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
     if part.onset_s is None:
@@ -118,12 +127,23 @@ def _draw_stretch(
     rows = slice(begin, begin + count)
     at = view.time_s[rows]
     panel.plot(
-        at, view.measured[rows], INK, dash="", marker=".", size=7.0, opacity=0.55, label=MEASURED
+        at,
+        view.measured[rows],
+        INK_COLOUR,
+        dash="",
+        marker=".",
+        size=7.0,
+        opacity=0.55,
+        label=MEASURED_LABEL,
     )
     panel.plot(
-        at, view.predict(others)[rows], BEFORE, dash="--", label=OTHER_CAUSES if others else NOMINAL
+        at,
+        view.predict(others)[rows],
+        BEFORE_COLOUR,
+        dash="--",
+        label=OTHER_CAUSES_LABEL if others else NOMINAL_LABEL,
     )
-    panel.plot(at, view.predict((*others, part))[rows], AFTER, label=EXTENDED)
+    panel.plot(at, view.predict((*others, part))[rows], AFTER_COLOUR, label=EXTENDED_LABEL)
     panel.label("time, s", f"{view.quantity}, {view.unit}", "a stretch of the log")
     if part.onset_s is not None:
         panel.draw_moment(part.onset_s, label="onset")
@@ -141,7 +161,9 @@ def _find_telling_rows(effect: Array, count: int) -> int:
 
     strong = sum_windows(effect**2)
     changing = strong - sum_windows(effect) ** 2 / count
-    return int(np.argmax(changing if changing.max() > LEAST_CHANGE * strong.max() else strong))
+    return int(
+        np.argmax(changing if changing.max() > MIN_STRENGTH_CHANGE * strong.max() else strong)
+    )
 
 
 def draw_unexplained(
@@ -159,7 +181,7 @@ def draw_unexplained(
     after = view.calc_residual(parts)
     named = bool(view.select_own_parts(parts))
     sheet = ChartSheet(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1)
-    panel, colour = sheet.panel, AFTER if named else BEFORE
+    panel, colour = sheet.panel, AFTER_COLOUR if named else BEFORE_COLOUR
     panel.draw_level(0.0)
     means = view.calc_axis_means(axis, after, view.calc_noise_memory(after))
     panel.plot_intervals(
@@ -167,9 +189,9 @@ def draw_unexplained(
         means.mean,
         means.half,
         colour,
-        label=EXTENDED if named else NOMINAL,
+        label=EXTENDED_LABEL if named else NOMINAL_LABEL,
         marker="s" if named else "o",
-        fill=colour if named else PAPER,
+        fill=colour if named else PAPER_COLOUR,
     )
     panel.label(axis.label, f"residual, {view.unit}", "residual: measured less predicted")
     if fit:
@@ -186,11 +208,13 @@ def draw_unexplained(
     )
 
 
-def _draw_extension(panel: Panel, fit: UnexplainedCurve, axis: Axis) -> None:
+def _draw_extension(panel: ChartPanel, fit: UnexplainedCurve, axis: Axis) -> None:
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     panel.draw_level(0.0)
-    panel.plot(nodes, fit.values, THIRD, marker="o", size=4.0, width=2.0, label="smooth function")
+    panel.plot(
+        nodes, fit.values, THIRD_COLOUR, marker="o", size=4.0, width=2.0, label="smooth function"
+    )
     panel.label(
         axis.label,
         f"{fit.stage} more than nominal, {unit}",
@@ -216,7 +240,10 @@ def draw_time_lines(
 
 
 def _draw_time_line(
-    panel: Panel, view: ChannelView, own: Sequence[EffectInstance], parts: Sequence[EffectInstance]
+    panel: ChartPanel,
+    view: ChannelView,
+    own: Sequence[EffectInstance],
+    parts: Sequence[EffectInstance],
 ) -> None:
     rows, title = _select_time_rows(view, own)
     before = view.calc_residual(())[rows]
@@ -227,8 +254,8 @@ def _draw_time_line(
     even = _make_bin_means(view, view.time_s[rows] / 60.0)
     panel.draw_level(0.0)
     for series, colour, dash, label in (
-        (before, BEFORE, "--", NOMINAL),
-        (after, AFTER, "-", EXTENDED),
+        (before, BEFORE_COLOUR, "--", NOMINAL_LABEL),
+        (after, AFTER_COLOUR, "-", EXTENDED_LABEL),
     ):
         if series is not None:
             at, mean, half = even(series, memory)
@@ -238,7 +265,7 @@ def _draw_time_line(
         if part.onset_s is not None:
             panel.draw_moment(part.onset_s / 60.0, label="onset", words=part.id)
     panel.label(title=f"{title}, {view.unit}")
-    panel.title_colour = INK if own else DIM
+    panel.title_colour = INK_COLOUR if own else DIM_COLOUR
 
 
 def _select_time_rows(

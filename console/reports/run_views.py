@@ -37,9 +37,9 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 Array = npt.NDArray[np.float64]
 
 # Number of rows on either side of a running mean; slower changes are not the scale's noise.
-SLOW_ROWS = 15
+SLOW_WINDOW_ROWS = 15
 # Time by which a drive has settled, s.
-SETTLED_AFTER_S = 3.0
+SETTLING_TIME_S = 3.0
 VIEW_STAGES = {
     "shaft": ("shaft",),
     "gate": ("gate",),
@@ -53,13 +53,13 @@ VIEW_STAGES = {
 COLUMNS_THAT_GROW_WITH_TIME = ("time_s", "hopper_kg", "moved")
 FIRST_AXES = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
 # Share of an effect that time must explain beyond every other axis.
-LEAST_TIME_GAIN = 0.08
+MIN_TIME_GAIN = 0.08
 # These axes are preferred, although time may explain as much.
 OWN_AXES = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}
 
 
 # Mean number of rows in a bin of time.
-LEAST_ROWS_IN_BIN = 6
+MIN_ROWS_IN_BIN = 6
 
 
 class ChannelView(NamedTuple):
@@ -111,7 +111,7 @@ class ChannelView(NamedTuple):
         """Returns the rows, at these minutes (n,), in equal bins of time, at most `most`: the bin
         of each row, and the middles."""
         low, high = float(minutes.min()), float(minutes.max())
-        count = max(2, min(most, len(minutes) // LEAST_ROWS_IN_BIN))
+        count = max(2, min(most, len(minutes) // MIN_ROWS_IN_BIN))
         width = (high - low) / count or 1.0
         index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
         return (
@@ -124,8 +124,8 @@ class ChannelView(NamedTuple):
         if self.segments is None:
             return calc_correlation(residual)
         slow = np.convolve(
-            np.pad(residual, SLOW_ROWS, mode="edge"),
-            np.ones(2 * SLOW_ROWS + 1) / (2 * SLOW_ROWS + 1),
+            np.pad(residual, SLOW_WINDOW_ROWS, mode="edge"),
+            np.ones(2 * SLOW_WINDOW_ROWS + 1) / (2 * SLOW_WINDOW_ROWS + 1),
             mode="valid",
         )
         return calc_correlation(residual - slow)
@@ -144,7 +144,7 @@ class ChannelView(NamedTuple):
         late = find_telling_axis(
             [self.axes[name] for name in COLUMNS_THAT_GROW_WITH_TIME if name in self.axes], effect
         )
-        more = 0.0 if part.onset_s is not None else LEAST_TIME_GAIN
+        more = 0.0 if part.onset_s is not None else MIN_TIME_GAIN
         return (
             late if calc_shown_share(late, effect) > calc_shown_share(best, effect) + more else best
         )
@@ -332,7 +332,7 @@ def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
     found = {
         "way": Axis("way", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
-        "since_change": Axis("since_change", np.where(since < SETTLED_AFTER_S, since, np.nan), way),
+        "since_change": Axis("since_change", np.where(since < SETTLING_TIME_S, since, np.nan), way),
     }
     if drive.name == "gate":
         found["moved"] = Axis("moved", moved)

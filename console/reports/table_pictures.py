@@ -8,9 +8,22 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, ChartSheet, Panel
+from topdress.console.reports.chart import (
+    AFTER_COLOUR,
+    BEFORE_COLOUR,
+    DIM_COLOUR,
+    INK_COLOUR,
+    PAPER_COLOUR,
+    ChartPanel,
+    ChartSheet,
+)
 from topdress.console.reports.html import Picture
-from topdress.console.reports.panels import EXTENDED, MEASURED, NOMINAL, draw_smooth_line
+from topdress.console.reports.panels import (
+    EXTENDED_LABEL,
+    MEASURED_LABEL,
+    NOMINAL_LABEL,
+    draw_smooth_line,
+)
 from topdress.console.reports.table_views import MeasuredColumn, RowGroup
 from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.result import Unexplained
@@ -18,7 +31,7 @@ from topdress.control.diagnosis.result import Unexplained
 Array = npt.NDArray[np.float64]
 
 # Number of lines of one model in a panel; more settings are shown as measured against predicted.
-MOST_MODEL_LINES = 4
+MAX_MODEL_LINES = 4
 # Share of the distance between values by which replicates and labels are offset.
 JITTER_SHARE = 0.2
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -61,24 +74,24 @@ def _format_caption(view: MeasuredColumn, named: bool) -> str:
 
 
 def _draw_models(
-    panel: Panel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
+    panel: ChartPanel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
 ) -> None:
     rows = group.rows
     sets = _split_settings(view, rows)
-    if view.main and len(sets) <= MOST_MODEL_LINES:
+    if view.main and len(sets) <= MAX_MODEL_LINES:
         x = view.variables[view.main]
         for k, (words, inside) in enumerate(sets):
             marker = SERIES_MARKERS[k % len(SERIES_MARKERS)]
             panel.plot(
                 x[inside],
                 view.observed[inside],
-                INK,
+                INK_COLOUR,
                 dash="",
                 marker=marker,
                 size=4.5,
                 fill="none",
                 opacity=0.8,
-                label=f"{MEASURED}{words}",
+                label=f"{MEASURED_LABEL}{words}",
             )
             for series, colour, line, label in _list_model_lines(view, named):
                 at, mean = _calc_value_means(x[inside], series[inside])
@@ -88,7 +101,7 @@ def _draw_models(
         )
         return
     for series, colour, _, label in _list_model_lines(view, named):
-        hollow = colour == BEFORE
+        hollow = colour == BEFORE_COLOUR
         panel.plot(
             series[rows],
             view.observed[rows],
@@ -96,18 +109,18 @@ def _draw_models(
             dash="",
             marker="o" if hollow else "s",
             size=4.5,
-            fill=PAPER if hollow else colour,
+            fill=PAPER_COLOUR if hollow else colour,
             label=label,
         )
     both = np.concatenate([view.observed[rows], view.nominal[rows]])
     ends = [float(both.min()), float(both.max())]
-    panel.plot(ends, ends, DIM, width=0.9)
-    panel.label(f"predicted, {view.unit}", f"{MEASURED}, {view.unit}" if first else "")
+    panel.plot(ends, ends, DIM_COLOUR, width=0.9)
+    panel.label(f"predicted, {view.unit}", f"{MEASURED_LABEL}, {view.unit}" if first else "")
 
 
 def _list_model_lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, str, str, str]]:
-    lines = [(view.nominal, BEFORE, "--", NOMINAL)]
-    return [*lines, (view.extended, AFTER, "-", EXTENDED)] if named else lines
+    lines = [(view.nominal, BEFORE_COLOUR, "--", NOMINAL_LABEL)]
+    return [*lines, (view.extended, AFTER_COLOUR, "-", EXTENDED_LABEL)] if named else lines
 
 
 def _split_settings(
@@ -148,18 +161,18 @@ def _is_without_effect(view: MeasuredColumn, name: str) -> bool:
 
 
 def _draw_residuals(
-    panel: Panel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
+    panel: ChartPanel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
 ) -> None:
     rows = group.rows
     x = view.variables[view.main] if view.main else np.arange(len(view.observed), dtype=float)
     step = _find_value_step(x)
     panel.draw_level(0.0)
-    series = [(view.before, BEFORE, "o", "--", NOMINAL, -1.0)]
+    series = [(view.before, BEFORE_COLOUR, "o", "--", NOMINAL_LABEL, -1.0)]
     if named:
-        series.append((view.after, AFTER, "s", "-", EXTENDED, 1.0))
+        series.append((view.after, AFTER_COLOUR, "s", "-", EXTENDED_LABEL, 1.0))
     for values, colour, marker, line, label, side in series:
         shift = side * JITTER_SHARE * 0.5 * step if named else 0.0
-        fill = PAPER if side < 0 else colour
+        fill = PAPER_COLOUR if side < 0 else colour
         panel.plot(
             x[rows] + shift,
             values[rows],
@@ -206,7 +219,7 @@ def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -
     if view is None:
         return None
     named = any(group.held for group in view.groups)
-    colour = AFTER if named else BEFORE
+    colour = AFTER_COLOUR if named else BEFORE_COLOUR
     sheet = ChartSheet(6.4, 3.4)
     panel = sheet.panel
     panel.draw_level(0.0)
@@ -227,8 +240,8 @@ def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -
         dash="",
         marker="s" if named else "o",
         size=4.5,
-        fill=colour if named else PAPER,
-        label=EXTENDED if named else NOMINAL,
+        fill=colour if named else PAPER_COLOUR,
+        label=EXTENDED_LABEL if named else NOMINAL_LABEL,
     )
     if left.variable in view.variables and len(np.unique(x)) > 2:
         draw_smooth_line(panel, x, view.after)
@@ -250,9 +263,13 @@ def draw_clock_phases(views: Sequence[MeasuredColumn], step_s: float) -> Picture
     sheet = ChartSheet(6.4, 2.8)
     edges = np.linspace(-0.5, 0.5, PHASE_BINS + 1)
     heights = np.histogram(phase, edges)[0]
-    sheet.panel.draw_bars(edges, heights, AFTER, edge_colour=PAPER, label=MEASURED)
+    sheet.panel.draw_bars(
+        edges, heights, AFTER_COLOUR, edge_colour=PAPER_COLOUR, label=MEASURED_LABEL
+    )
     expected = len(phase) / PHASE_BINS
-    sheet.panel.draw_level(expected, BEFORE, dash="--", width=1.6, label="expected without steps")
+    sheet.panel.draw_level(
+        expected, BEFORE_COLOUR, dash="--", width=1.6, label="expected without steps"
+    )
     sheet.panel.label(f"time less the nearest multiple of {step_s:.4f} s, in steps", "rows")
     title = "times within a step of the clock"
     return sheet.make_picture(

@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 # This effect shows in the clustering of times, not in the machine's behaviour.
 COARSE_CLOCK = LAG_COARSE_CLOCK.id
 # Variables that are used as the axis only if no other varies.
-LAST_RESORT_NAMES = ("replicate", "area_m2", "duration_s")
+FALLBACK_AXIS_NAMES = ("replicate", "area_m2", "duration_s")
 
 
 class CausePart(NamedTuple):
@@ -154,7 +154,7 @@ def _make_column_view(
 def _find_main_variable(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
     """Returns the variable that the effects follow most, else the variable that the machine
     follows."""
-    names = [name for name in variables if name not in LAST_RESORT_NAMES] or list(variables)
+    names = [name for name in variables if name not in FALLBACK_AXIS_NAMES] or list(variables)
     if not names:
         return ""
     series = effect if np.ptp(effect) > 1e-9 * (1.0 + float(np.abs(effect).max())) else nominal

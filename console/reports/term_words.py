@@ -17,7 +17,7 @@ from topdress.control.machine.terms import TARGET_STAGES, VARIABLES, Term, TermT
 from topdress.drivers.plugins import EffectPlugin, list_effects
 
 # Smallest change per unit of a variable that is shown as such.
-LEAST_SHOWN_CHANGE = 1e-3
+MIN_SHOWN_CHANGE = 1e-3
 
 STAGE_NAMES = {
     "shaft": N_("Shaft speed"),
@@ -122,7 +122,7 @@ def _describe_form(term: Term) -> str:
         if value != 0.0
     ]
     of = (
-        10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN_CHANGE / max(sizes))))
+        10.0 ** max(0.0, math.ceil(math.log10(MIN_SHOWN_CHANGE / max(sizes))))
         if sizes and form.each_unit
         else 1.0
     )

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 CURVE_POINTS = 40
 # Largest CSV file that is offered, because bench tables are small, bytes.
-MOST_TABLE_BYTES = 1_000_000
+MAX_TABLE_BYTES = 1_000_000
 # Openings that differ by less count as equal.
-SAME_OPENING_MM = 0.5
+MAX_OPENING_DIFFERENCE_MM = 0.5
 
 
 def make_calibrate_service(
@@ -110,7 +110,7 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
 
     low_mm, high_mm = flow.opening_mm
     low_rpm, high_rpm = flow.shaft_rpm
-    by_speed = high_mm - low_mm < SAME_OPENING_MM and high_rpm > low_rpm
+    by_speed = high_mm - low_mm < MAX_OPENING_DIFFERENCE_MM and high_rpm > low_rpm
     middle_mm = sum(one.opening_mm for one in caught) / len(caught)
     middle_rpm = sum(one.shaft_rpm for one in caught) / len(caught)
     if by_speed:
@@ -197,7 +197,7 @@ def find_lag_tables(folders: Sequence[Path]) -> list[LagTable]:
         path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")
     }
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
-        if path.stat().st_size > MOST_TABLE_BYTES or "shaft_rpm" not in _read_header_line(path):
+        if path.stat().st_size > MAX_TABLE_BYTES or "shaft_rpm" not in _read_header_line(path):
             continue
         try:
             found.append(open_lag_table(path))
@@ -347,7 +347,7 @@ def save_calibrated(
     from topdress.drivers.files import config
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.bench_table import read_bench_table
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     path = folder / f"{name.removesuffix('.yaml')}.yaml"
     table_path = path.with_suffix(".catch.csv")
@@ -373,7 +373,7 @@ def save_calibrated(
     else:
         write_atomically(table_path, format_catch_csv(fitted.source))
         new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
-    config.save_config(path, new, MACHINE)
+    config.save_config(path, new, MACHINE_KIND)
     return str(path)
 
 

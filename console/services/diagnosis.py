@@ -31,7 +31,12 @@ from topdress.console.app.pages.diagnosis.service import (
     WorkStopped,
 )
 from topdress.console.reports.diagnosis_wording import list_rivals
-from topdress.console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
+from topdress.console.services.diagnosis_job import (
+    REPORT_NAME,
+    RESULT_NAME,
+    VIEW_NAME,
+    DiagnosisOrder,
+)
 from topdress.console.services.foreign_files import is_importable, is_likely_log
 from topdress.console.services.launcher import find_data_folder
 from topdress.console.threads import ONE_THREAD_VARIABLES
@@ -48,7 +53,7 @@ from topdress.drivers.files.extras import (
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
-MOST_FILES = 200
+MAX_LISTED_FILES = 200
 # Name of the extra in pyproject.toml.
 DIAGNOSIS_EXTRA = "diagnosis"
 JOB_ARGUMENTS = ("-P", "-m", "topdress.console.services.diagnosis_job")
@@ -89,7 +94,7 @@ class DiagnosisFiles:
             found[Path(running_log).resolve()] = Path(running_log).stat().st_mtime
         running = Path(running_log).resolve() if running_log else None
         listed = []
-        for path in sorted(found, key=lambda one: -found[one])[:MOST_FILES]:
+        for path in sorted(found, key=lambda one: -found[one])[:MAX_LISTED_FILES]:
             with contextlib.suppress(OSError, ValueError):
                 listed.append(_make_source(path)._replace(working=path == running))
         return tuple(listed)
@@ -188,10 +193,10 @@ class DiagnosisFiles:
             source.path, str(self._make_job_folder()), "run", machine, self.machine, compare=True
         )
         self._run_job_process(order, tell, stop)
-        made = Path(order.folder) / REPORT
+        made = Path(order.folder) / REPORT_NAME
         stem = f"{Path(source.path).stem}-compared"
         report = _copy_to_folder(made, self.own / "reports", stem, ".html") if made.exists() else ""
-        plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
+        plain = json.loads((Path(order.folder) / RESULT_NAME).read_text(encoding="utf-8"))
         return ComparedShown(
             tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report
         )
@@ -202,7 +207,7 @@ class DiagnosisFiles:
         from topdress.drivers.files.plain import build_from_plain
 
         self._run_job_process(order, tell, stop)
-        plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
+        plain = json.loads((Path(order.folder) / VIEW_NAME).read_text(encoding="utf-8"))
         return build_from_plain(DiagnosisView, plain)._replace(folder=order.folder)
 
     def _run_job_process(self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal) -> None:
@@ -294,25 +299,25 @@ class DiagnosisFiles:
         """Writes the machine file without its last change; returns its path."""
         from topdress.control.machine.history import undo_last_change
         from topdress.drivers.files.config import save_config
-        from topdress.drivers.files.kinds import MACHINE
+        from topdress.drivers.files.kinds import MACHINE_KIND
 
         today = day_clock.read_today().isoformat()
         back = undo_last_change(self._load_machine(machine), date=today)
         path = find_free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_config(path, back, MACHINE)
+        save_config(path, back, MACHINE_KIND)
         return str(path)
 
     def _load_machine(self, machine: str | None) -> Machine:
         from topdress.drivers.files.config import load_config
-        from topdress.drivers.files.kinds import MACHINE
+        from topdress.drivers.files.kinds import MACHINE_KIND
 
-        found: Machine = load_config(machine or self.machine, MACHINE).model
+        found: Machine = load_config(machine or self.machine, MACHINE_KIND).model
         return found
 
     def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
         """Copies the report or the JSON result to the user's folder; returns its path."""
-        made = Path(found.folder) / (REPORT if what == "report" else RESULT)
+        made = Path(found.folder) / (REPORT_NAME if what == "report" else RESULT_NAME)
         stem = f"{Path(found.source).stem}-diagnosis"
         return _copy_to_folder(
             made, self.own / "reports", stem, ".html" if what == "report" else ".json"
@@ -322,13 +327,13 @@ class DiagnosisFiles:
         """Writes the separating run as a job file; returns its path. Raises ValueError."""
         from topdress.console.services.separating_run import make_drive
         from topdress.drivers.files.config import load_config, save_config
-        from topdress.drivers.files.kinds import JOB, MACHINE
+        from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
 
         run = found.found.next_run
         if run is None or not found.drives:
             raise ValueError("this run has no job file: do it by its steps")
-        machine = load_config(self.machine, MACHINE).model
-        drive = make_drive(found.drives, load_config("demo", JOB).model, machine)
+        machine = load_config(self.machine, MACHINE_KIND).model
+        drive = make_drive(found.drives, load_config("demo", JOB_KIND).model, machine)
         job = drive.job.model_copy(update={"title": run.plan})
         path = find_free_path(self.own / "jobs", job.id, ".yaml")
         said = (
@@ -342,7 +347,7 @@ class DiagnosisFiles:
                 "ground, speed and rate."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_config(path, job, JOB, said)
+        save_config(path, job, JOB_KIND, said)
         return str(path)
 
 
@@ -374,7 +379,7 @@ def _find_source_kind(path: Path) -> str | None:
 
     file = FileContent(path)
     try:
-        return "run" if not file.foreign else file.bench if file.holds == "table" else None
+        return "run" if not file.foreign else file.bench if file.content_kind == "table" else None
     except TableError:
         return None
 

@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 TellProgress = Callable[[float, str], None]
 
-VIEW, RESULT, REPORT = "view.json", "result.json", "report.html"
+VIEW_NAME, RESULT_NAME, REPORT_NAME = "view.json", "result.json", "report.html"
 RUN_LOG_NAME = "separating.csv"
 # Share of the whole work that the simulation takes.
 DRIVING_SHARE = 0.55
 # Smallest change of the share that is reported.
-LEAST_SHARE_STEP = 0.004
+MIN_SHARE_STEP = 0.004
 # Nice value of the process, because the control loop comes first.
-NICENESS = 10
+DIAGNOSIS_NICENESS = 10
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -108,8 +108,10 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     )
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
-    write_atomically(Path(order.folder) / RESULT, json.dumps(list_plain_data(logs)))
-    write_atomically(Path(order.folder) / REPORT, make_compare_page(logs, old, str(order.machine)))
+    write_atomically(Path(order.folder) / RESULT_NAME, json.dumps(list_plain_data(logs)))
+    write_atomically(
+        Path(order.folder) / REPORT_NAME, make_compare_page(logs, old, str(order.machine))
+    )
 
 
 def find_order_machine(order: DiagnosisOrder) -> Machine:
@@ -202,12 +204,12 @@ def _diagnose_and_write(
     for number, ids in enumerate(list_selections(view)):
         file = f"machine-{number}.yaml"
         offers.append(_write_adoption_offer(found, ids, machine, data, folder / file))
-    write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
+    write_atomically(folder / RESULT_NAME, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(
-        folder / VIEW, json.dumps(convert_to_plain(view._replace(offers=tuple(offers))))
+        folder / VIEW_NAME, json.dumps(convert_to_plain(view._replace(offers=tuple(offers))))
     )
     tell(0.9, "report")
-    _write_report(found, tools, folder / REPORT)
+    _write_report(found, tools, folder / REPORT_NAME)
 
 
 def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
@@ -229,7 +231,7 @@ def _write_adoption_offer(
     from topdress.control.diagnosis.extend import extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.drivers.files.config import calc_sha256, save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     fitted = (
         found.fitted if found.fitted is not None and format_whole_id(found.fitted) in ids else None
@@ -249,7 +251,7 @@ def _write_adoption_offer(
             *(f"  {one}" for one in ids if one not in left),
         ]
     )
-    save_config(path, extended, MACHINE, comment)
+    save_config(path, extended, MACHINE_KIND, comment)
     return AdoptionOffer(ids, path.name, tuple(compare_side_by_side(extended.history[-1])), refused)
 
 
@@ -260,7 +262,7 @@ def make_progress_teller() -> TellProgress:
 
     def tell_progress(share: float, stage: str) -> None:
         nonlocal last
-        if share - last >= LEAST_SHARE_STEP or share < last:
+        if share - last >= MIN_SHARE_STEP or share < last:
             last = share
             _print_json_line({"share": round(share, 3), "stage": stage})
 
@@ -278,7 +280,7 @@ def run_job(path: str) -> int:
     from topdress.drivers.files.plain import build_from_plain
 
     if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        os.nice(DIAGNOSIS_NICENESS)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
         carry_out_order(build_from_plain(DiagnosisOrder, said), make_progress_teller())

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from topdress.control.field.job import Ground
 
 # Distance of a corner to the straight line between its neighbours below which it is removed, m.
-LEAST_CORNER_M = 0.1
+MIN_CORNER_OFFSET_M = 0.1
 # Distance from the job's origin beyond which a field gets a plane of its own, m.
-SAME_PLANE_M = 20_000.0
+MAX_PLANE_DISTANCE_M = 20_000.0
 
 
 def make_driven_field(
@@ -30,13 +30,13 @@ def make_driven_field(
     if len(ring_deg) < 3:
         raise ValueError(f"boundary: {len(ring_deg)} corners: allowed is 3 or more")
     origin = ground.origin_lat_deg, ground.origin_lon_deg
-    if calc_ellipsoid_distance_m(*origin, *ring_deg[0]) > SAME_PLANE_M:
+    if calc_ellipsoid_distance_m(*origin, *ring_deg[0]) > MAX_PLANE_DISTANCE_M:
         origin = ring_deg[0]
     plane = TangentPlane(*origin)
     # Where the end of the drive crosses its beginning, the enclosed area counts.
     thinned = find_largest_part(
         Polygon([plane.project_to_m(lat, lon) for lat, lon in ring_deg])
-    ).simplify(LEAST_CORNER_M)
+    ).simplify(MIN_CORNER_OFFSET_M)
     if thinned.is_empty or thinned.area <= 0.0:
         raise ValueError("boundary: nothing is enclosed by it: allowed is a way round a field")
     corners = tuple(

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from topdress.control.targets.map_profile import MapProfile
     from topdress.drivers.files.run_meta import RunMeta
 
-MOST_CELLS = 250_000
-FINEST_CELL_M = 1.0
+MAX_CELLS = 250_000
+MIN_CELL_M = 1.0
 # Number of cells that are sampled at once.
 _SLICE_CELLS = 20_000
 
@@ -32,7 +32,7 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
     Raises ValueError, one line, where the job's files cannot be read.
     """
     from topdress.drivers.files.atomic import find_sidecar
-    from topdress.drivers.files.kinds import JOB, MACHINE
+    from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
     from topdress.drivers.files.run_meta import parse_meta_yaml
 
     if not frame.log_path:
@@ -45,8 +45,8 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
     if meta.job is None:
         return None
     try:
-        job = JOB.model.model_validate(dict(meta.job))
-        machine = MACHINE.model.model_validate(dict(meta.machine)) if meta.machine else None
+        job = JOB_KIND.model.model_validate(dict(meta.job))
+        machine = MACHINE_KIND.model.model_validate(dict(meta.machine)) if meta.machine else None
         picture = make_job_picture(
             job,
             find_job_folder(meta, job, described.parent),
@@ -64,11 +64,11 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
 def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """Returns the plane of a job without an outline, which is its map's plane; None for other jobs.
     `log_folder` is the folder of the log."""
-    from topdress.drivers.files.kinds import JOB
+    from topdress.drivers.files.kinds import JOB_KIND
     from topdress.drivers.files.prescriptions.for_job import read_job_map
 
     try:
-        job = JOB.model.model_validate(dict(meta.job or {}))
+        job = JOB_KIND.model.model_validate(dict(meta.job or {}))
         profile = (
             None
             if job.field.boundary_m
@@ -136,7 +136,7 @@ def _sample_planned_rates(
         corners.min(axis=0).tolist(),
         corners.max(axis=0).tolist(),
     )
-    cell_m = max(FINEST_CELL_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MOST_CELLS))
+    cell_m = max(MIN_CELL_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MAX_CELLS))
     columns, rows = (
         max(1, math.ceil(span / cell_m)) for span in (east_m - west_m, north_m - south_m)
     )

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.services.fleet_job import (
-    FORMAT,
+    RECORD_FORMAT,
     StoreOptions,
     calc_checksum,
     hash_first_bytes,
@@ -37,7 +37,7 @@ from topdress.console.services.fleet_job import (
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.extras import require_extras
 
-LOGS, SEEN = "logs", "seen.json"
+RECORDS_FOLDER, SEEN_FILES_NAME = "logs", "seen.json"
 LOG_SUFFIXES = (".csv", ".parquet", ".pq")
 SKIPPED_SUFFIXES = (".truth.csv",)
 # Number of tasks in the cluster for each of its threads: few, so that cancelling is quick.
@@ -56,9 +56,9 @@ DASK_SETTINGS: dict[str, Any] = {
     "distributed.worker.http.routes": [],
 }
 # Number of folders of which every worker reads a log's first bytes.
-MOST_PROBED_FOLDERS = 100
+MAX_PROBED_FOLDERS = 100
 # Time-outs for a scheduler, and for the first of its workers, s.
-CONNECT_S, JOIN_S = 10.0, 30.0
+CONNECT_TIMEOUT_S, JOIN_TIMEOUT_S = 10.0, 30.0
 # Interval at which the number of workers is checked, s.
 WATCH_PERIOD_S = 2.0
 
@@ -99,7 +99,7 @@ class FleetRequest:
 
 @contextlib.contextmanager
 def open_cluster(
-    scheduler: str | None, workers: int, connect_s: float = CONNECT_S
+    scheduler: str | None, workers: int, connect_s: float = CONNECT_TIMEOUT_S
 ) -> Iterator[Any]:
     """Opens a Dask client: of the scheduler at an address, else of workers on this computer. Raises
     MissingExtra, OSError.
@@ -165,10 +165,10 @@ def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> 
         raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=JOIN_S)
+            client.wait_for_workers(1, timeout=JOIN_TIMEOUT_S)
         except TimeoutError:
             raise OSError(
-                f"{scheduler}: no worker in {JOIN_S:.0f} s: allowed is a scheduler with at "
+                f"{scheduler}: no worker in {JOIN_TIMEOUT_S:.0f} s: allowed is a scheduler with at "
                 "least one "
                 f"(dask worker {scheduler})"
             ) from None
@@ -200,8 +200,8 @@ def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
                 f"{who} has no topdress: allowed is the same as here on the scheduler and "
                 "every worker"
             )
-        elif said != FORMAT:
-            yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
+        elif said != RECORD_FORMAT:
+            yield f"{who} has a topdress that makes records {said}: allowed {RECORD_FORMAT}"
 
 
 def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
@@ -307,7 +307,7 @@ def diagnose_fleet(
     more at the end, and is never kept, so that the next run tries again. Raises OSError where no
     worker can read the logs.
     """
-    (out / LOGS).mkdir(parents=True, exist_ok=True)
+    (out / RECORDS_FOLDER).mkdir(parents=True, exist_ok=True)
     seen = _read_seen_files(out)
     found = _find_file_states(paths, asked.options)
     marks = {path: state and f"{state} {asked.salt}" for path, (state, _sides) in found.items()}
@@ -417,7 +417,7 @@ def _find_blind_workers(client: Any, paths: Sequence[str], options: StoreOptions
     """
     one_of_each = {path.replace("\\", "/").rpartition("/")[0]: path for path in reversed(paths)}
     blind: dict[str, str] = {}
-    for path in list(one_of_each.values())[:MOST_PROBED_FOLDERS]:
+    for path in list(one_of_each.values())[:MAX_PROBED_FOLDERS]:
         here = hash_first_bytes(_make_absolute(path), options)
         # The log is missing or broken, and is listed as such.
         if here[1]:
@@ -444,7 +444,7 @@ def _read_kept_record(out: Path, key: str) -> dict[str, Any] | None:
         made = read_record(_make_record_path(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return made if isinstance(made, dict) and made.get("format") == FORMAT else None
+    return made if isinstance(made, dict) and made.get("format") == RECORD_FORMAT else None
 
 
 class _FleetTasks:
@@ -455,7 +455,7 @@ class _FleetTasks:
         self,
         client: Any,
         workers: Sequence[str],
-        join_s: float = JOIN_S,
+        join_s: float = JOIN_TIMEOUT_S,
         look_s: float = WATCH_PERIOD_S,
     ) -> None:
         self._client, self._join_s, self._look_s = client, join_s, look_s
@@ -555,19 +555,19 @@ class _FleetTasks:
 
 
 def _make_record_path(out: Path, key: str) -> Path:
-    return out / LOGS / f"{key}.json"
+    return out / RECORDS_FOLDER / f"{key}.json"
 
 
 def _read_seen_files(out: Path) -> dict[str, tuple[str, str]]:
     try:
-        answers = json.loads((out / SEEN).read_text(encoding="utf-8"))
+        answers = json.loads((out / SEEN_FILES_NAME).read_text(encoding="utf-8"))
         return {path: (mark, key) for path, (mark, key) in answers.items()}
     except (OSError, ValueError, TypeError, AttributeError):
         return {}
 
 
 def _write_seen_files(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
-    write_atomically(out / SEEN, json.dumps(seen))
+    write_atomically(out / SEEN_FILES_NAME, json.dumps(seen))
 
 
 def _find_file_states(

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.read_log import RunLog
 
-FORMAT = "topdress-fleet-log/3"
+RECORD_FORMAT = "topdress-fleet-log/3"
 BLOCK_BYTES = 1 << 20
 FIRST_BYTES = 4096
 # Shortest log, s; a shorter log shows neither a hopper level nor a trend.
-LEAST_LOG_S = 20.0
+MIN_LOG_S = 20.0
 SHARED_WORDS = ("product", "operator", "field")
 # Options of fsspec, for logs at URLs.
 StoreOptions = Mapping[str, str]
@@ -113,11 +113,11 @@ def make_record(
                 "processor_s": time.process_time() - began[1],
             }
     except ConfigError as error:
-        return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
+        return {"format": RECORD_FORMAT, "path": where, "error": error.lines[0], "lasting": True}
     # One log of thousands must not stop the others.
     except Exception as error:
         return {
-            "format": FORMAT,
+            "format": RECORD_FORMAT,
             "path": where,
             "error": read_first_line(error),
             "lasting": isinstance(error, ValueError) and not isinstance(error.__context__, OSError),
@@ -160,21 +160,20 @@ def _diagnose_log(
     from topdress.control.diagnosis.season.evidence import collect_log_evidence
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.config import validate_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     log = open_any_log(path)
-    if log.duration_s < LEAST_LOG_S:
+    if log.duration_s < MIN_LOG_S:
         raise ValueError(
-            f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_LOG_S:.0f} s "
-            f"and more"
+            f"{where}: {log.duration_s:.0f} s long: allowed is a log of {MIN_LOG_S:.0f} s and more"
         )
     machine = default
     if log.meta is not None and log.meta.machine is not None:
-        machine = validate_config(log.meta.machine, MACHINE, f"{where}: machine")
+        machine = validate_config(log.meta.machine, MACHINE_KIND, f"{where}: machine")
     seen = collect_log_evidence(log.columns, machine, where)
     found = seen.found
     return {
-        "format": FORMAT,
+        "format": RECORD_FORMAT,
         "path": where,
         "content": _hash_measurements(log),
         "rows": len(log),

@@ -22,7 +22,7 @@ from topdress.drivers import day_clock
 
 # Earliest plausible begin, 2000-01-01 in days since 1970, and the time by which a log's clock may
 # be ahead of this one, days.
-FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0
+FIRST_PLAUSIBLE_DAY, MAX_DAYS_AHEAD = 10_957.0, 1.0
 
 
 class MistimedLog(NamedTuple):
@@ -59,7 +59,7 @@ def make_season(
     """
     timely, aside = list[Mapping[str, Any]](), list[MistimedLog]()
     for one in records:
-        if FIRST_DAY <= one["time_d"] <= now_d + DAY_AHEAD:
+        if FIRST_PLAUSIBLE_DAY <= one["time_d"] <= now_d + MAX_DAYS_AHEAD:
             timely.append(one)
         else:
             aside.append(MistimedLog(one["path"], _format_date(one["time_d"])))

@@ -13,7 +13,7 @@ from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, TABLE_SUFFIXES
 READ_SUFFIXES = TABLE_SUFFIXES | FOREIGN_SUFFIXES
 # Suffixes of files that are listed; the removed suffixes often belong to other contents.
 LISTED_SUFFIXES = READ_SUFFIXES - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
-TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
+TASK_FILE_NAME, TASK_FOLDER_NAME = "taskdata.xml", "taskdata"
 IMPORT_FILE_SUFFIX = ".import.yaml"
 YAML_SUFFIXES = (".yaml", ".yml")
 
@@ -27,7 +27,7 @@ def is_likely_log(path: Path) -> bool:
         and not name.endswith(".truth.csv")
         and (
             path.suffix.lower() in LISTED_SUFFIXES
-            or name == TASK
+            or name == TASK_FILE_NAME
             or name.endswith(IMPORT_FILE_SUFFIX)
             or _has_time_log(path)
         )
@@ -39,7 +39,10 @@ def _has_time_log(path: Path) -> bool:
     from topdress.drivers.files.archives import has_time_log, open_archive
     from topdress.drivers.plain_text import RefusedInput
 
-    if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
+    if (
+        not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER_NAME)
+        or not path.exists()
+    ):
         return False
     try:
         return has_time_log(open_archive(path))
@@ -51,7 +54,7 @@ def is_importable(path: Path) -> bool:
     """Returns whether `import_file_as_log` would try: a file that the import reads, a task's
     folder, or an import file."""
     if path.is_dir():
-        return any(file.name.lower() == TASK for file in path.iterdir())
+        return any(file.name.lower() == TASK_FILE_NAME for file in path.iterdir())
     return path.suffix.lower() in READ_SUFFIXES or _is_import_file(path)
 
 
@@ -70,7 +73,7 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
     from topdress.drivers.files.imports.guessed import format_first_import
     from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
-    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.mapping import IMPORT_KIND
     from topdress.drivers.files.imports.read import read_raw_table
 
     data, place = _find_import_pair(path)
@@ -83,7 +86,7 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
             write_atomically(place, first)
         raise ImportNeedsAnswersError(found.questions, str(place))
     if mapping_file is not None:
-        mapping = load_config(mapping_file, IMPORT).model
+        mapping = load_config(mapping_file, IMPORT_KIND).model
         raw = read_raw_table(data, mapping.source)
     log = join_files([convert_table(raw, mapping)], mapping.join)
     out = find_free_path(folder, data.stem, ".csv", ".yaml")
@@ -94,13 +97,13 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
 
 
 def _is_import_file(path: Path) -> bool:
-    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.mapping import IMPORT_KIND
 
     if path.suffix.lower() not in YAML_SUFFIXES:
         return False
     text = path.read_text(encoding="utf-8", errors="replace")
     return any(
-        line.split("#")[0].split() == ["format:", IMPORT.format] for line in text.splitlines()
+        line.split("#")[0].split() == ["format:", IMPORT_KIND.format] for line in text.splitlines()
     )
 
 

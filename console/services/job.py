@@ -32,9 +32,9 @@ from topdress.console.services.launcher import Launcher, find_data_folder, list_
 from topdress.console.worker import resume
 from topdress.control.orders import MAP_SOURCES, TargetSource
 from topdress.drivers import day_clock
-from topdress.drivers.files.config import Loaded, find_shipped_files, load_config, save_config
+from topdress.drivers.files.config import LoadedConfig, find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
+from topdress.drivers.files.kinds import CAB_KIND, CROP_KIND, JOB_KIND, MACHINE_KIND, PRODUCT_KIND
 from topdress.drivers.plain_text import RefusedInput
 
 if TYPE_CHECKING:
@@ -83,10 +83,10 @@ class JobFiles:
             found = self._load_files()
             setup = build_setup(found, day_clock.read_today())
             job_path, machine_path = (
-                _find_file_path(found, JOB.format, "demo"),
-                _find_file_path(found, MACHINE.format, "huanghai"),
+                _find_file_path(found, JOB_KIND.format, "demo"),
+                _find_file_path(found, MACHINE_KIND.format, "huanghai"),
             )
-            crop = load_config(setup.job.crop, CROP, base=setup.folder)
+            crop = load_config(setup.job.crop, CROP_KIND, base=setup.folder)
         product = load_job_product(setup.job, setup.folder)
         field, area = self._find_field_area(setup.job, setup.machine, found)
         return JobFacts(
@@ -94,7 +94,7 @@ class JobFiles:
             str(job_path),
             str(crop.path),
             str(machine_path),
-            machine_path in find_shipped_files(MACHINE.folder).values(),
+            machine_path in find_shipped_files(MACHINE_KIND.folder).values(),
             "" if product is None else str(product.path),
             field,
             area,
@@ -102,12 +102,12 @@ class JobFiles:
             self._list_files("jobs", job_path),
             self._list_files("crops", crop.path),
             self._list_files("machines", machine_path),
-            self._list_files(PRODUCT.folder, None if product is None else product.path),
+            self._list_files(PRODUCT_KIND.folder, None if product is None else product.path),
         )
 
     @staticmethod
     def _find_field_area(
-        job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]
+        job: Job, machine: Machine, found: dict[str, LoadedConfig[BaseModel]]
     ) -> tuple[str, float | None]:
         from topdress.control.field.boundary import Boundary
 
@@ -117,7 +117,7 @@ class JobFiles:
         ).area_ha if ground.boundary_m else None
 
     def _check_map(
-        self, setup: Setup, found: dict[str, Loaded[BaseModel]]
+        self, setup: Setup, found: dict[str, LoadedConfig[BaseModel]]
     ) -> tuple[str, MapCheck | None, str]:
         """Returns the path of the job's map, its parts that will not be applied, and the reason why
         it cannot be used.
@@ -176,10 +176,10 @@ class JobFiles:
         value = _clean_typed_path(value)
         with shorten_config_error():
             if kind == "crop":
-                load_config(Path(value), CROP)
+                load_config(Path(value), CROP_KIND)
                 self._write_new_job({"crop": value}, f"crop {Path(value).stem}")
                 return
-            wanted = {"job": JOB, "machine": MACHINE}[kind]
+            wanted = {"job": JOB_KIND, "machine": MACHINE_KIND}[kind]
             load_config(Path(value), wanted)
             self._replace_file(wanted.format, value)
 
@@ -216,7 +216,7 @@ class JobFiles:
                 None,
                 None,
             )
-            return str(_find_file_path(self._load_files(), JOB.format, "demo"))
+            return str(_find_file_path(self._load_files(), JOB_KIND.format, "demo"))
 
     def list_maps(self) -> tuple[MapFile, ...]:
         """Returns maps on USB sticks, among downloads and in the user's folder, the newest
@@ -318,7 +318,7 @@ class JobFiles:
 
         place = find_free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
         target = load_config(
-            _find_file_path(self._load_files(), JOB.format, "demo"), JOB
+            _find_file_path(self._load_files(), JOB_KIND.format, "demo"), JOB_KIND
         ).model.target
         said = (
             f"Prescription {Path(preview.path).name}, column "
@@ -342,7 +342,7 @@ class JobFiles:
         from topdress.console.services.driven_field import make_driven_field
 
         ground = load_config(
-            _find_file_path(self._load_files(), JOB.format, "demo"), JOB
+            _find_file_path(self._load_files(), JOB_KIND.format, "demo"), JOB_KIND
         ).model.field
         with shorten_config_error():
             field, area_ha = make_driven_field(ground, ring_deg)
@@ -352,7 +352,9 @@ class JobFiles:
     def save_job_names(self, who: JobNames) -> str:
         """Writes client, farm and field names into the job; returns the comment. Raises
         ValueError."""
-        job = load_config(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model
+        job = load_config(
+            _find_file_path(self._load_files(), JOB_KIND.format, "demo"), JOB_KIND
+        ).model
         field = job.field.model_copy(update={"title": who.field})
         with shorten_config_error():
             return self._write_new_job(
@@ -371,11 +373,11 @@ class JobFiles:
         """Returns the job files with their cards; None for an unreadable file."""
         from topdress.console.services.recent import find_done_of_jobs, make_job_card
 
-        now = _find_file_path(self._load_files(), JOB.format, "demo")
+        now = _find_file_path(self._load_files(), JOB_KIND.format, "demo")
         done = find_done_of_jobs(self._launcher.log_folder)
         return tuple(
             (file, make_job_card(Path(file.value), done))
-            for file in self._list_files(JOB.folder, now)
+            for file in self._list_files(JOB_KIND.folder, now)
         )
 
     def _write_new_job(self, changes: dict[str, object], comment: str) -> str:
@@ -383,9 +385,9 @@ class JobFiles:
         the folder `history`; another job is copied under its own name."""
         from topdress.drivers.files.atomic import find_free_path
 
-        path = _find_file_path(self._load_files(), JOB.format, "demo")
-        loaded = load_config(path, JOB)
-        job, folder, own = loaded.model, path.parent, self._folder / JOB.folder
+        path = _find_file_path(self._load_files(), JOB_KIND.format, "demo")
+        loaded = load_config(path, JOB_KIND)
+        job, folder, own = loaded.model, path.parent, self._folder / JOB_KIND.folder
         place = path if folder.resolve() == own.resolve() else find_free_path(own, job.id, ".yaml")
         crop = _resolve_named_file(folder, job.crop)
         product_file = (
@@ -403,10 +405,12 @@ class JobFiles:
         try:
             kept.parent.mkdir(parents=True, exist_ok=True)
             before = _read_head_comments(path) if place == path else [f"From {path.name}."]
-            save_config(kept, new, JOB, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"]))
+            save_config(
+                kept, new, JOB_KIND, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"])
+            )
         except OSError as error:
             raise ValueError(f"{kept}: {error.strerror or error}") from None
-        self._replace_file(JOB.format, str(kept))
+        self._replace_file(JOB_KIND.format, str(kept))
         self._changed = place, kept
         return str(kept)
 
@@ -442,7 +446,7 @@ class JobFiles:
         kept = [str(one.path) for format_, one in self._load_files().items() if format_ != kind]
         return (*kept, value)
 
-    def _load_files(self) -> dict[str, Loaded[BaseModel]]:
+    def _load_files(self) -> dict[str, LoadedConfig[BaseModel]]:
         from topdress.drivers.files.setup import load_by_kind
 
         return load_by_kind(self._launcher.config)
@@ -498,14 +502,14 @@ class JobFiles:
     ) -> tuple[str, ...]:
         """Writes the report of each part of the job. Raises ValueError, OSError."""
         from topdress.console.reports.job_about import read_job_metadata
-        from topdress.console.reports.job_page import MOST_STRETCHES, make_job_page
+        from topdress.console.reports.job_page import MAX_DRAWN_SEGMENTS, make_job_page
         from topdress.drivers.files.atomic import write_atomically
         from topdress.drivers.files.exports.as_applied import DEFAULT_STRETCH_S, build_as_applied
         from topdress.drivers.files.run_meta import find_software_version
 
         def gather_as_applied(recorded: RunLog) -> AsApplied:
             applied = build_as_applied(recorded)
-            every_s = applied.totals.worked_s / MOST_STRETCHES
+            every_s = applied.totals.worked_s / MAX_DRAWN_SEGMENTS
             return (
                 build_as_applied(recorded, every_s=every_s)
                 if every_s > DEFAULT_STRETCH_S
@@ -627,24 +631,26 @@ def _clean_typed_path(path: str) -> str:
 
 
 # Implausible rates: twice the crop's limit, or less than any dressing, kg/ha.
-FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0
+MAX_PLAUSIBLE_LIMIT_FACTOR, MIN_PLAUSIBLE_RATE_KG_HA = 2.0, 10.0
 
 
 def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
     """Returns a description of rates that no field gets, if they are in kg/ha; empty for plausible
     rates."""
     highest = max(rates_kg_ha, default=0.0)
-    if highest > FAR_ABOVE * most_kg_ha:
+    if highest > MAX_PLAUSIBLE_LIMIT_FACTOR * most_kg_ha:
         return (
             f"rates up to {highest:.0f}, read as kg/ha, are far above the crop's limit of "
             f"{most_kg_ha:.0f}"
         )
-    if 0.0 < highest < FAR_BELOW_KG_HA:
+    if 0.0 < highest < MIN_PLAUSIBLE_RATE_KG_HA:
         return f"rates up to {highest:g}, read as kg/ha, are less than any dressing"
     return ""
 
 
-def _add_simulated_field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
+def _add_simulated_field(
+    job: Job, machine: Machine, found: dict[str, LoadedConfig[BaseModel]]
+) -> Job:
     """Returns the job with its field; on the simulated machine a job without a boundary gets a
     field."""
     from topdress.control.simulation.assembly import add_simulated_field
@@ -652,13 +658,13 @@ def _add_simulated_field(job: Job, machine: Machine, found: dict[str, Loaded[Bas
     return add_simulated_field(job, machine) if _is_simulated_cab(found) else job
 
 
-def _is_simulated_cab(found: dict[str, Loaded[BaseModel]]) -> bool:
-    cab = found.get(CAB.format)
+def _is_simulated_cab(found: dict[str, LoadedConfig[BaseModel]]) -> bool:
+    cab = found.get(CAB_KIND.format)
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
-def _find_file_path(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
-    folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
+def _find_file_path(found: dict[str, LoadedConfig[BaseModel]], kind: str, nominal: str) -> Path:
+    folder = {JOB_KIND.format: JOB_KIND.folder, MACHINE_KIND.format: MACHINE_KIND.folder}[kind]
     return found[kind].path if kind in found else find_shipped_files(folder)[nominal]
 
 

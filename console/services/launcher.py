@@ -82,7 +82,7 @@ class Launcher:
         """
         from topdress.drivers.files.config import load_any_config
         from topdress.drivers.files.config_error import ConfigError
-        from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+        from topdress.drivers.files.kinds import CAB_KIND, CONFIG_KINDS, JOB_KIND, MACHINE_KIND
         from topdress.drivers.files.run_meta import read_sidecar_meta
 
         meta = read_sidecar_meta(log_path)
@@ -91,10 +91,10 @@ class Launcher:
         found = []
         for file in meta.sha256:
             try:
-                kind, _loaded = load_any_config(Path(file), KINDS)
+                kind, _loaded = load_any_config(Path(file), CONFIG_KINDS)
             except ConfigError:
                 continue
-            if kind in (JOB, MACHINE, CAB):
+            if kind in (JOB_KIND, MACHINE_KIND, CAB_KIND):
                 found.append(file)
         unused = list_other_files(found, self.config)
         self.config = tuple(found)
@@ -123,9 +123,9 @@ def _find_shipped_file(file: str) -> Path | None:
     """Returns the shipped file of this name; None for an unknown name."""
     from topdress.drivers.files.config import resolve_config_path
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.kinds import KINDS
+    from topdress.drivers.files.kinds import CONFIG_KINDS
 
     try:
-        return resolve_config_path(file, [kind.folder for kind in KINDS.values()]).resolve()
+        return resolve_config_path(file, [kind.folder for kind in CONFIG_KINDS.values()]).resolve()
     except ConfigError:
         return None

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 OUTLET_BEHIND_M = 2.0
 # Distance between fix and position, m, up to which the fix may only be some seconds older; a larger
 # distance means another plane.
-STALE_FIX_M = 30.0
+MAX_STALE_FIX_M = 30.0
 DEFAULT_WIDTH_M = 2.4
 
 
@@ -53,7 +53,7 @@ class MapLayers:
         meta = read_sidecar_meta(frame.log_path) if frame.log_path else None
         try:
             log = _open_layer_log(Path(path))
-            return lay_log_on_plane(
+            return make_log_overlay(
                 log, find_frame_plane(frame, meta), _find_working_width_m(meta), frame
             )
         except ImportNeedsAnswersError as asked:
@@ -85,7 +85,9 @@ def _describe_open_question(path: Path, questions: Sequence[str]) -> str:
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
-def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> OverlayFile:
+def make_log_overlay(
+    log: RunLog, plane: TangentPlane, width_m: float, frame: Frame
+) -> OverlayFile:
     """Returns a log of any program as an overlay on a plane. `width_m` is the width of the covered
     ground for a log without a width."""
     from topdress.console.services.replay_frames import make_frames
@@ -143,7 +145,8 @@ def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     job = find_job_plane(meta, Path(frame.log_path).parent) if meta is not None else None
     if (
         job is not None
-        and calc_plane_distance_m(job.project_to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M
+        and calc_plane_distance_m(job.project_to_m(row.lat_deg, row.lon_deg), antenna)
+        < MAX_STALE_FIX_M
     ):
         return job
     plane = TangentPlane(row.lat_deg, row.lon_deg)

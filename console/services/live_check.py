@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.columns import Columns
 
-NICENESS = 19
-POLL_S = 5.0
+CHECK_NICENESS = 19
+LOG_POLL_S = 5.0
 # Time without a new row after which a log counts as no longer growing, s.
 GROWTH_TIMEOUT_S = 60.0
 # Share of one core's time that the import of the log may take.
-MOST_IMPORT_SHARE = 0.05
+MAX_IMPORT_SHARE = 0.05
 DEFAULT_MACHINE = "huanghai"
 
 
@@ -46,14 +46,14 @@ def load_log_machine(log: Path, machine: str | None, default: str = DEFAULT_MACH
     """Returns the given machine, else the machine that the log names, else the default. Raises
     ConfigError."""
     from topdress.drivers.files.config import load_config, validate_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_log_meta
 
     if machine is None:
         meta = read_log_meta(log)
         if meta is not None and meta.machine is not None:
-            return validate_config(meta.machine, MACHINE, str(log.with_suffix(".yaml")))
-    return load_config(machine or default, MACHINE).model
+            return validate_config(meta.machine, MACHINE_KIND, str(log.with_suffix(".yaml")))
+    return load_config(machine or default, MACHINE_KIND).model
 
 
 def follow_log(
@@ -74,7 +74,7 @@ def follow_log(
     growing, check, state = GrowingLog(log), None, _FileReporter(log, tell)
     while True:
         begin_s = time.process_time()
-        rows = growing.more()
+        rows = growing.read_new_rows()
         state.report_poll(growing.damaged, rows is not None)
         if rows is None:
             if not wait():
@@ -92,7 +92,7 @@ def follow_log(
                     check.now_s, standing, k == len(pieces) - 1 and not growing.behind
                 )
         # Such a log is imported again at each poll, so the pauses become longer.
-        for _ in range(int(took_s / (MOST_IMPORT_SHARE * POLL_S))):
+        for _ in range(int(took_s / (MAX_IMPORT_SHARE * LOG_POLL_S))):
             if not wait():
                 break
 
@@ -111,7 +111,7 @@ class _FileReporter:
             self._tell(
                 f"{self._log}: {damaged} damaged line{'s' if damaged > 1 else ''} left out so far"
             )
-        still = round(GROWTH_TIMEOUT_S / POLL_S)
+        still = round(GROWTH_TIMEOUT_S / LOG_POLL_S)
         if grew:
             if self._looks >= still:
                 self._tell(f"{self._log}: it grows again")
@@ -144,7 +144,7 @@ def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.s
     said: Departure | tuple[()] | None = ()
 
     def wait_for_poll() -> bool:
-        sleep(POLL_S)
+        sleep(LOG_POLL_S)
         return True
 
     try:
@@ -164,7 +164,7 @@ def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.s
 def lower_priority() -> None:
     """Lowers the priority of this process below that of the control loop."""
     if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        os.nice(CHECK_NICENESS)
 
 
 def _end_with_stdin() -> None:

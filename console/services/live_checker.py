@@ -25,7 +25,7 @@ CHECK_COMMAND = (sys.executable, "-P", "-m", "topdress.console.services.live_che
 # Pause before a restart after a crash, s.
 RESTART_WAIT_S = 120.0
 # Largest number of starts for one log.
-MOST_STARTS = 3
+MAX_STARTS = 3
 # A diagnosis takes 100 MB for some seconds. Linux's allocator returns large blocks at once only as
 # long as it does not learn from them to keep them (man mallopt): 313 MB after 41 minutes of a log,
 # 229 MB with these settings.
@@ -77,7 +77,7 @@ class _CheckProcess:
                 child.kill()
 
     def _run_with_restarts(self) -> None:
-        for _ in range(MOST_STARTS):
+        for _ in range(MAX_STARTS):
             with contextlib.suppress(OSError):
                 self._read_output()
             self.departure = None

@@ -14,13 +14,13 @@ from topdress.console.worker.snapshots import list_newest_first
 from topdress.control.orders import TargetSource
 from topdress.drivers.files.config import find_shipped_files, load_any_config, load_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+from topdress.drivers.files.kinds import CAB_KIND, CONFIG_KINDS, JOB_KIND, MACHINE_KIND
 from topdress.drivers.files.run_meta import RunMeta, parse_meta_yaml
 
 # Any width is sufficient, because an outline does not depend on it.
 OUTLINE_WIDTH_M = 2.4
 # Number of the newest logs that are read, a week of a contractor's work, and of jobs.
-MOST_SIDECARS = 60
+MAX_SIDECARS = 60
 
 
 def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
@@ -31,15 +31,15 @@ def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
     """
     done = find_done_of_jobs(logs)
     found: dict[tuple[str, ...], RecentSet] = {}
-    for sidecar in _list_newest_sidecars(logs, MOST_SIDECARS):
+    for sidecar in _list_newest_sidecars(logs, MAX_SIDECARS):
         with contextlib.suppress(OSError, ValueError, ConfigError):
             one = _find_run_set(parse_meta_yaml(sidecar.read_text(encoding="utf-8")), done)
             if one is not None:
                 found.setdefault(one.files, one)
-    for path in _list_newest_sidecars(own / JOB.folder, MOST_SIDECARS):
+    for path in _list_newest_sidecars(own / JOB_KIND.folder, MAX_SIDECARS):
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
-                job = load_config(path, JOB).model
+                job = load_config(path, JOB_KIND).model
                 found[str(path),] = RecentSet(
                     (str(path),),
                     job.title or path.stem,
@@ -65,7 +65,7 @@ def make_job_card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | 
     """Returns the card of a job file; None for an unreadable file. A plan is read only without an
     outline, because a large plan takes seconds."""
     with contextlib.suppress(OSError, ValueError, ConfigError):
-        job = load_config(path, JOB).model
+        job = load_config(path, JOB_KIND).model
         drawn = (
             job
             if not job.field.boundary_m
@@ -104,12 +104,12 @@ def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> RecentS
     kinds = {}
     for file in meta.sha256:
         if Path(file).suffix.lower() in (".yaml", ".yml"):
-            kind, _loaded = load_any_config(Path(file), KINDS)
-            if kind in (JOB, MACHINE, CAB):
+            kind, _loaded = load_any_config(Path(file), CONFIG_KINDS)
+            if kind in (JOB_KIND, MACHINE_KIND, CAB_KIND):
                 kinds[kind.format] = file
     ours = {
         str(path)
-        for folder in (JOB.folder, MACHINE.folder)
+        for folder in (JOB_KIND.folder, MACHINE_KIND.folder)
         for path in find_shipped_files(folder).values()
     }
     files = tuple(kinds.values())
@@ -123,5 +123,5 @@ def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> RecentS
         str(field.get("title") or "") if isinstance(field, dict) else "",
         str(machine.get("title") or machine.get("id") or ""),
         meta.started_utc or "",
-        make_job_card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None,
+        make_job_card(Path(kinds[JOB_KIND.format]), done) if JOB_KIND.format in kinds else None,
     )

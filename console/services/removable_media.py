@@ -20,10 +20,10 @@ MAP_SUFFIXES = (".shp", ".geojson", ".json", ".zip", ".csv")
 SNIFFED_BYTES = 4096
 TASK_FILE = "taskdata.xml"
 # Depth of folders below a stick: TASKDATA, or farm / field / map.
-MOST_DEPTH = 3
-MOST_FILES = 60
+MAX_FOLDER_DEPTH = 3
+MAX_LISTED_MAPS = 60
 # Number of entries of one place, so that a stick full of pictures does not delay the list.
-MOST_ENTRIES = 3000
+MAX_ENTRIES = 3000
 
 
 def list_places() -> tuple[tuple[Path, str], ...]:
@@ -52,7 +52,7 @@ def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
         for path in _iterate_maps(folder):
             with contextlib.suppress(OSError):
                 found.setdefault(path.resolve(), (path.stat().st_mtime, name))
-    listed = sorted(found.items(), key=lambda one: -one[1][0])[:MOST_FILES]
+    listed = sorted(found.items(), key=lambda one: -one[1][0])[:MAX_LISTED_MAPS]
     return tuple(
         MapFile(str(path), path.name, where, day_clock.format_file_time(changed))
         for path, (changed, where) in listed
@@ -73,12 +73,12 @@ def _iterate_maps(folder: Path) -> Iterator[Path]:
             continue
         for one in entries:
             looked += 1
-            if looked > MOST_ENTRIES:
+            if looked > MAX_ENTRIES:
                 return
             if one.name.startswith("."):
                 continue
             if one.is_dir():
-                if depth < MOST_DEPTH:
+                if depth < MAX_FOLDER_DEPTH:
                     waiting.append((one, depth + 1))
             elif is_map_likely(one):
                 yield one
@@ -95,7 +95,7 @@ def is_map_likely(path: Path) -> bool:
     try:
         if ending == ".zip":
             with zipfile.ZipFile(path) as archive:
-                names = [name.lower() for name in archive.namelist()[:MOST_ENTRIES]]
+                names = [name.lower() for name in archive.namelist()[:MAX_ENTRIES]]
             return any(name.endswith((".shp", TASK_FILE)) for name in names)
         with path.open("rb") as file:
             head = file.read(SNIFFED_BYTES).decode("utf-8", errors="replace")
@@ -105,7 +105,7 @@ def is_map_likely(path: Path) -> bool:
         from topdress.drivers.files.opened import FileContent
 
         try:
-            return FileContent(path).holds == "map"
+            return FileContent(path).content_kind == "map"
         except (OSError, ValueError):
             return False
     return '"FeatureCollection"' in head or '"Feature"' in head
@@ -136,11 +136,11 @@ def list_entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
     )
     if kind == "map" and any(one.name.lower() == TASK_FILE for one in here):
         found.append(MapFile(str(folder), folder.name, folder.name, _format_changed(folder)))
-    for one in here[:MOST_ENTRIES]:
+    for one in here[:MAX_ENTRIES]:
         with contextlib.suppress(OSError):
             if one.is_dir():
                 found.append(MapFile(str(one), f"{one.name}/", "", ""))
-    for one in here[:MOST_ENTRIES]:
+    for one in here[:MAX_ENTRIES]:
         with contextlib.suppress(OSError):
             if one.is_file() and wanted(one):
                 found.append(MapFile(str(one), one.name, folder.name, _format_changed(one)))

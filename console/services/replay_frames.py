@@ -112,13 +112,13 @@ def _make_what_if_frames(
     from topdress.control.field.job import make_rule
     from topdress.control.orders import Strategy
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
 
     setup = load_rerun_setup(
         recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None
     )
     if options.crop:
-        crop = load_config(options.crop, CROP).model
+        crop = load_config(options.crop, CROP_KIND).model
         setup = dataclasses.replace(setup, crop=crop, rule=make_rule(crop, setup.job))
     rows = (tick.row for tick in rerun_loop(recorded, setup))
     return list(

@@ -14,13 +14,13 @@ from topdress.control.orders import Do, Order, State, Strategy
 from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import validate_config
-from topdress.drivers.files.kinds import CROP, JOB, MACHINE
+from topdress.drivers.files.kinds import CROP_KIND, JOB_KIND, MACHINE_KIND
 from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.setup import Setup, load_setup
 
-MOVING_MPS = 0.6
+MIN_MOVING_MPS = 0.6
 
 
 def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
@@ -71,7 +71,7 @@ def _parse_order_value(text: str) -> str | float | bool | None:
 def _decide_operator_orders(state: str, speed_mps: float) -> list[Order]:
     if state == State.OFF:
         return [Order(Do.READY)]
-    if state == State.READY and speed_mps > MOVING_MPS:
+    if state == State.READY and speed_mps > MIN_MOVING_MPS:
         return [Order(Do.START)]
     return []
 
@@ -85,10 +85,12 @@ def load_rerun_setup(
     setup = load_setup(machine or "huanghai", job or "demo", day_clock.read_today())
     label = str(recorded.path.with_suffix(".yaml"))
     if meta is not None and machine is None and meta.machine is not None:
-        setup = dataclasses.replace(setup, machine=validate_config(meta.machine, MACHINE, label))
+        setup = dataclasses.replace(
+            setup, machine=validate_config(meta.machine, MACHINE_KIND, label)
+        )
     if meta is not None and job is None and meta.job is not None and meta.crop is not None:
-        crop = validate_config(meta.crop, CROP, label)
-        own = validate_config(meta.job, JOB, label)
+        crop = validate_config(meta.crop, CROP_KIND, label)
+        own = validate_config(meta.job, JOB_KIND, label)
         setup = dataclasses.replace(
             setup,
             crop=crop,

@@ -17,15 +17,15 @@ TimedOrders = tuple[tuple[float, Order], ...]
 # Interval at which the calibration button is reported as pressed, s.
 CONFIRM_PERIOD_S = 0.2
 # Number of repetitions of a setting's command.
-REPEATS = 10
+SETTING_REPEATS = 10
 # Safety ends a calibration run at 120 s.
 CALIBRATING_RUN_S = 118.0
 # Rate of the driven runs, kg/ha.
-RATE_KG_HA = 300.0
+DRIVEN_RATE_KG_HA = 300.0
 # Time by which the tractor moves, s.
-BEGIN_DRIVE_S = 4.0
+DRIVE_BEGIN_S = 4.0
 # Flow for about 300 kg/ha at 4.5 km/h and 2.4 m, kg/s.
-FLOW_KG_S = 0.09
+BENCH_FLOW_KG_S = 0.09
 
 
 class SeparatingDrive(NamedTuple):
@@ -53,7 +53,7 @@ def make_drive(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
     target = job.target.model_copy(
         update={
             "source": TargetSource.MANUAL,
-            "manual_rate_kg_ha": RATE_KG_HA,
+            "manual_rate_kg_ha": DRIVEN_RATE_KG_HA,
             "map": None,
             "plants": None,
             "index_map": None,
@@ -93,7 +93,7 @@ def _make_bench_orders(settings: list[tuple[float, float]]) -> TimedOrders:
         orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
         for k, (rpm, mm) in enumerate(settings[pair : pair + 2]):
             # The command is repeated, because the noise of the speed forbids the begin at times.
-            for again in range(REPEATS):
+            for again in range(SETTING_REPEATS):
                 at = begin + 0.1 + 59.0 * k + CONFIRM_PERIOD_S * again
                 orders += [
                     (at, Order(Do.CALIBRATE_OPENING, mm)),
@@ -112,7 +112,7 @@ def _make_two_speed_drive(job: Job, machine: Machine) -> SeparatingDrive:
 
 
 def _make_out_of_work_drive(job: Job, machine: Machine) -> SeparatingDrive:
-    orders = [(1.0, Order(Do.READY)), (BEGIN_DRIVE_S + 2.0, Order(Do.START))]
+    orders = [(1.0, Order(Do.READY)), (DRIVE_BEGIN_S + 2.0, Order(Do.START))]
     for minute in range(1, 10):
         orders.append((60.0 * minute, Order(Do.HOLD if minute % 2 else Do.START)))
     return SeparatingDrive(_change_simulated(job, refill_at_kg=0.0), 600.0, tuple(orders))
@@ -120,7 +120,7 @@ def _make_out_of_work_drive(job: Job, machine: Machine) -> SeparatingDrive:
 
 def _make_refill_drive(job: Job, machine: Machine) -> SeparatingDrive:
     empty_kg = machine.flow.full_kg / 3.0
-    begin_kg = empty_kg + 600.0 * FLOW_KG_S
+    begin_kg = empty_kg + 600.0 * BENCH_FLOW_KG_S
     return SeparatingDrive(
         _change_simulated(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None
     )

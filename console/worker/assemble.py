@@ -41,8 +41,8 @@ from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.board_frames import BOARD_STOP_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
-from topdress.drivers.files.config import ConfigError, Loaded
-from topdress.drivers.files.kinds import CAB, MACHINE
+from topdress.drivers.files.config import ConfigError, LoadedConfig
+from topdress.drivers.files.kinds import CAB_KIND, MACHINE_KIND
 from topdress.drivers.files.prescriptions.for_job import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
@@ -220,14 +220,14 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
     return Assembly(bench, loop, writer, names, keeper)
 
 
-def _is_simulated_cab(cab: Loaded[Any] | None) -> bool:
+def _is_simulated_cab(cab: LoadedConfig[Any] | None) -> bool:
     """Return whether the machine is simulated: no cab file, or a virtual cab."""
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
 def _read_configuration(
     options: Options, logs: Path, now: dt.datetime
-) -> tuple[Loaded[Any] | None, Setup]:
+) -> tuple[LoadedConfig[Any] | None, Setup]:
     """Read the cab file, if given, and the setup, and check them against each other.
 
     Parameters
@@ -246,7 +246,7 @@ def _read_configuration(
     """
     try:
         found = load_by_kind(options.config)
-        cab = found.get(CAB.format)
+        cab = found.get(CAB_KIND.format)
         setup = build_setup(
             found,
             day_clock.read_today(),
@@ -256,8 +256,8 @@ def _read_configuration(
         lines = find_index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
             named = (
-                found[MACHINE.format].path
-                if MACHINE.format in found
+                found[MACHINE_KIND.format].path
+                if MACHINE_KIND.format in found
                 else "the shipped machine huanghai"
             )
             lines = [*find_disagreements(cab, setup.machine, str(named)), *lines]
@@ -268,7 +268,7 @@ def _read_configuration(
     return cab, setup
 
 
-def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
+def _find_drive_stop_s(cab: LoadedConfig[Any] | None) -> float | None:
     """Return the time for which the shaft's drive continues without its host, s. None means that
     the drive ends with the worker, as a simulated drive does."""
     if cab is None:

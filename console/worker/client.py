@@ -8,7 +8,7 @@ import socket
 from enum import Enum, auto
 from math import inf
 
-from topdress.console.attached import UNNAMED, Attached
+from topdress.console.attached import DEFAULT_NAME, AttachedConsole
 from topdress.console.worker.limits import (
     MAX_LINE_BYTES,
     MAX_REFUSALS,
@@ -67,14 +67,14 @@ class Client:
         self.name = ""
         self.tablet = False
         # Description as the other consoles have it; None before they know the client.
-        self.shown: Attached | None = None
+        self.shown: AttachedConsole | None = None
         # True if the client fell silent after it had been heard.
         self.has_been_silent = False
         self.gone = False
         self._received = bytearray()
         self._unsent = bytearray()
 
-    def describe_attached(self, late_s: float) -> Attached:
+    def describe_attached(self, late_s: float) -> AttachedConsole:
         """Describe the client for the other consoles.
 
         Parameters
@@ -82,8 +82,8 @@ class Client:
         late_s
             A client last heard before this time, s, does not keep the machine working.
         """
-        return Attached(
-            self.name or UNNAMED,
+        return AttachedConsole(
+            self.name or DEFAULT_NAME,
             self.tablet,
             self.kind is ClientKind.WITH_KEY,
             self.alive_s > late_s,

@@ -17,7 +17,7 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from topdress.console.attached import LATEST, Attached, Ordered, read_orders
+from topdress.console.attached import MAX_LATEST_ORDERS, AttachedConsole, ExecutedOrder, read_orders
 from topdress.console.frame import DeviceView, Frame
 from topdress.console.worker.device_service import DeviceService
 from topdress.console.worker.lag_bench import LagBench
@@ -195,8 +195,8 @@ class Host:
     ) -> None:
         self.newest: Frame | None = None
         # Attached consoles, as the link reports them.
-        self.attached: tuple[Attached, ...] = ()
-        self._ordered: deque[Ordered] = deque(maxlen=LATEST)
+        self.attached: tuple[AttachedConsole, ...] = ()
+        self._ordered: deque[ExecutedOrder] = deque(maxlen=MAX_LATEST_ORDERS)
         # Events of the link for the log.
         self._notes: deque[str] = deque()
         # Reason why the run ended; "" while it runs.

@@ -25,7 +25,7 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from topdress.console.attached import UNNAMED, format_attached_event, make_unique_name
+from topdress.console.attached import DEFAULT_NAME, format_attached_event, make_unique_name
 from topdress.console.frame import Frame
 from topdress.console.worker import wire
 from topdress.console.worker.client import Client, ClientKind
@@ -418,7 +418,7 @@ class LinkServer(threading.Thread):
         if not self._host.queue_request(
             request.what,
             partial(self._queue_answer, client, request.id, request.what is ClientQuestion.STATS),
-            client.name or UNNAMED,
+            client.name or DEFAULT_NAME,
         ):
             self.counts["busy"] += 1
             client.queue_bytes(wire.format_answer(request.id, Answer(False, "busy"), {}))
@@ -431,7 +431,7 @@ class LinkServer(threading.Thread):
                 other.name for other in self._clients if other is not client and not other.gone
             }
             client.name, client.tablet = (
-                make_unique_name(request.name or UNNAMED, others),
+                make_unique_name(request.name or DEFAULT_NAME, others),
                 request.tablet,
             )
 

@@ -24,7 +24,7 @@ from topdress.control.field.coverage import Raster
 from topdress.control.field.totals import NO_SUMS, TotalSums
 from topdress.control.orders import Strategy
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.limits import RESUME, check_limit
+from topdress.drivers.files.limits import RESUME_LIMIT, check_limit
 
 # A job that has done less, ha, is not worth resuming.
 MIN_RESUMABLE_HA = 0.001
@@ -157,7 +157,7 @@ def _read_snapshot_data(path: Path) -> dict[str, Any]:
     """Return the JSON object of a file. Raises ValueError or OSError."""
     try:
         # The size is checked before reading: a wrong file may be huge.
-        check_limit(RESUME, path.stat().st_size, str(path))
+        check_limit(RESUME_LIMIT, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != SNAPSHOT_FORMAT:
             raise ValueError(f"key format: allowed {SNAPSHOT_FORMAT}")

@@ -18,7 +18,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves
 from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
 from topdress.control.orders import State
-from topdress.drivers.files.limits import LINE
+from topdress.drivers.files.limits import LINE_LIMIT
 from topdress.drivers.files.run_log import FLUSH_PERIOD_S
 
 # After the last row material still flows, because a board whose host fell silent continues for a
@@ -330,7 +330,7 @@ def _read_rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
         file.seek(max(0, size - MAX_TAIL_BYTES))
         # The first and last line may be incomplete.
         lines = file.read().decode(errors="replace").split("\n")[1:-1]
-    for cells in csv.reader(line for line in lines if len(line) <= LINE.most):
+    for cells in csv.reader(line for line in lines if len(line) <= LINE_LIMIT.most):
         if len(cells) == len(header):
             row = _parse_tail_row(dict(zip(header, cells, strict=True)))
             if row is not None and row.time_s > time_s:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from topdress.drivers.files.limits import RESUME, check_limit
+from topdress.drivers.files.limits import RESUME_LIMIT, check_limit
 
 SNAPSHOT_FORMAT = "topdress-resume/1"
 SNAPSHOT_SUFFIX = ".resume.json"
@@ -36,7 +36,7 @@ def may_have_open_job(folder: Path) -> bool:
     """
     for path in list_newest_first(folder):
         try:
-            check_limit(RESUME, path.stat().st_size, str(path))
+            check_limit(RESUME_LIMIT, path.stat().st_size, str(path))
             data = json.loads(path.read_bytes())
         except (ValueError, OSError, RecursionError):
             continue

@@ -8,14 +8,14 @@ from dataclasses import replace
 from typing import Any
 
 from topdress.console.frame import Frame, format_frame_json
-from topdress.console.worker_handshake import GREETING
+from topdress.console.worker_handshake import WORKER_GREETING
 from topdress.control.orders import Answer
 
 
 def format_greeting(pid: int) -> bytes:
     """Return the first line to every client. It identifies the worker, so that a port taken over by
     another program is recognised."""
-    return _format_json_line({"hello": GREETING, "pid": pid})
+    return _format_json_line({"hello": WORKER_GREETING, "pid": pid})
 
 
 def format_answer(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes:

@@ -6,7 +6,7 @@ see the tests. Bitmap tiles come into being where work is done: 100 MB hold 100 
 
 Whatever places are given, a call's work is bounded: a stretch longer than `longest_m` is a jump
 and not swept, places without business on a field's plane are left out, and a picture has at
-most `MOST_CELLS`.
+most `MAX_CELLS`.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ class Coverage:
     def make_raster(self) -> Raster:
         """All that is covered, for drawing; one cell of nothing when nothing is.
 
-        Ground too far apart for one picture of `MOST_CELLS`: what lies around the place entered
+        Ground too far apart for one picture of `MAX_CELLS`: what lies around the place entered
         last. What is less than half a cell on counts too.
         """
         for strip in self._strips:

@@ -128,7 +128,7 @@ class HeadRow:
 
 def _choose_grid(wide_m: float, long_m: float) -> tuple[int, int]:
     """Returns columns and rows for all of the ground; the longer side is cut where there would
-    be more than `MOST_CELLS`."""
+    be more than `MAX_CELLS`."""
     columns, rows = (max(8, int(np.ceil(m / CANOPY_CELL_M))) for m in (wide_m, long_m))
     if columns * rows <= MAX_CANOPY_CELLS:
         return columns, rows

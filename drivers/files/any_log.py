@@ -126,9 +126,9 @@ def read_with_mapping(
     place = find_import_file(path)
     if place is not None:
         from topdress.drivers.files.config import load_config
-        from topdress.drivers.files.imports.mapping import IMPORT
+        from topdress.drivers.files.imports.mapping import IMPORT_KIND
 
-        mapping = load_config(place, IMPORT).model
+        mapping = load_config(place, IMPORT_KIND).model
         return read_raw_table(path, mapping.source, data), mapping, place
     from topdress.drivers.files.imports.guess import guess_import_file
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, check_limit
+from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPEFILE_LIMIT, check_limit
 from topdress.drivers.plain_text import RefusedInput
 
 # Depth of folders within folders that are searched.
@@ -44,7 +44,7 @@ class Folder:
     def read(self, name: str) -> bytes:
         """Returns the bytes of a file. Raises RefusedInput, OSError."""
         file = self.path / name
-        check_limit(SHAPES, file.stat().st_size, file)
+        check_limit(SHAPEFILE_LIMIT, file.stat().st_size, file)
         return file.read_bytes()
 
     def label(self, name: str) -> str:
@@ -79,7 +79,7 @@ class ZipArchive:
     def read(self, name: str) -> bytes:
         """Returns the bytes of a file. Raises RefusedInput, OSError."""
         try:
-            check_limit(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
+            check_limit(SHAPEFILE_LIMIT, self._archive.getinfo(name).file_size, self.label(name))
             return self._archive.read(name)
         except DAMAGED_ZIP as error:
             raise RefusedInput(self.label(name), "not readable: {why}", why=error) from None
@@ -89,15 +89,15 @@ class ZipArchive:
         return f"{self.path}/{name}"
 
 
-Files = Folder | ZipArchive
+ArchiveFiles = Folder | ZipArchive
 
 
-def open_archive(path: Path) -> Files:
+def open_archive(path: Path) -> ArchiveFiles:
     """Returns a reader for a zip or a folder."""
     return ZipArchive(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
 
 
-def has_time_log(files: Files) -> bool:
+def has_time_log(files: ArchiveFiles) -> bool:
     """Returns whether the files include the time log of a task that was worked."""
     names = (PurePosixPath(name).name.lower() for name in files.names)
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)

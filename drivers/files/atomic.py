@@ -102,11 +102,11 @@ class NewFile:
         """Returns when everything written would survive a power loss. Raises OSError, also where
         the file was deleted."""
         os.fsync(self._file.fileno())
-        if not self.stands:
+        if not self.is_in_place:
             raise OSError("the file was deleted, or is no longer where it was started")
 
     @property
-    def stands(self) -> bool:
+    def is_in_place(self) -> bool:
         """Returns whether the file at `path` is still this file: not deleted, not moved, and not on
         a disk that was removed and returned."""
         try:

@@ -11,7 +11,7 @@ from topdress.drivers.files.read_log import RunLog
 # Columns of the canopy heads; a run log has six of them.
 HEAD_COLUMNS = tuple(f"ndvi_{number}" for number in range(1, 7))
 # Shaft speed above which material flows, r/min.
-TURNING_RPM = 1.0
+MIN_FLOWING_SHAFT_RPM = 1.0
 
 
 def read_wheel_log(log: RunLog) -> WheelLog:
@@ -27,7 +27,7 @@ def read_wheel_log(log: RunLog) -> WheelLog:
         log.numbers("lon_deg"),
         log.numbers("fix_quality"),
         log.numbers("wheel_speed_mps"),
-        np.nan_to_num(rpm, nan=0.0) > TURNING_RPM,
+        np.nan_to_num(rpm, nan=0.0) > MIN_FLOWING_SHAFT_RPM,
     )
 
 

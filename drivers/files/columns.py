@@ -24,7 +24,7 @@ TEXT_TYPE = np.dtypes.StringDType()
 TIME_TYPE = np.dtype("datetime64[us]")
 # Number of rows whose cells exist as Python objects at the same time; a million rows would need a
 # gigabyte.
-BLOCK_ROWS = 20_000
+MAX_BLOCK_ROWS = 20_000
 
 
 def is_text_column(column: NDArray[Any]) -> bool:
@@ -147,8 +147,8 @@ def format_csv(
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    for start in range(0, count_rows(columns), BLOCK_ROWS):
-        block = select_rows(columns, slice(start, start + BLOCK_ROWS))
+    for start in range(0, count_rows(columns), MAX_BLOCK_ROWS):
+        block = select_rows(columns, slice(start, start + MAX_BLOCK_ROWS))
         cells = [cell_texts(name, column) for name, column in block.items()]
         writer.writerows(zip(*cells, strict=True))
     return text.getvalue()

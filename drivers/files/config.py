@@ -19,7 +19,7 @@ from pydantic import BaseModel, ValidationError
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.config_error import ConfigError as ConfigError
 from topdress.drivers.files.config_words import explain_errors, suggest_nearest
-from topdress.drivers.files.limits import CONFIG
+from topdress.drivers.files.limits import CONFIG_LIMIT
 from topdress.drivers.files.plain import convert_to_plain, make_model_schema
 from topdress.drivers.files.yaml_text import KeyPath, YamlError, dump_yaml, parse_yaml
 
@@ -28,7 +28,7 @@ Model = TypeVar("Model", bound=BaseModel, covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Kind(Generic[Model]):
+class ConfigKind(Generic[Model]):
     """Describes a kind of configuration file: its `format:` field, the folder under configs/ with
     the shipped files, and its model."""
 
@@ -40,7 +40,7 @@ class Kind(Generic[Model]):
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded(Generic[Model]):
+class LoadedConfig(Generic[Model]):
     """Holds a configuration as read; `sha256` is the checksum of exactly the bytes that
     were read."""
 
@@ -49,10 +49,12 @@ class Loaded(Generic[Model]):
     sha256: str
 
 
-Kinds = Mapping[str, Kind[BaseModel]]
+ConfigKinds = Mapping[str, ConfigKind[BaseModel]]
 
 
-def load_config(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
+def load_config(
+    where: str | Path, kind: ConfigKind[M], base: Path | None = None
+) -> LoadedConfig[M]:
     """Returns a configuration file of a given kind.
 
     Parameters
@@ -72,10 +74,12 @@ def load_config(where: str | Path, kind: Kind[M], base: Path | None = None) -> L
     """
     path = resolve_config_path(where, [kind.folder], base)
     data, lines, sha256 = _read_config(path)
-    return Loaded(_validate_data(data, kind, str(path), lines), path, sha256)
+    return LoadedConfig(_validate_data(data, kind, str(path), lines), path, sha256)
 
 
-def load_any_config(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
+def load_any_config(
+    where: str | Path, kinds: ConfigKinds
+) -> tuple[ConfigKind[BaseModel], LoadedConfig[BaseModel]]:
     """Returns a file of any registered kind, recognised by its `format:` field. Raises
     ConfigError."""
     path = resolve_config_path(where, [kind.folder for kind in kinds.values()])
@@ -94,16 +98,16 @@ def load_any_config(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], L
             ]
         )
     kind = kinds[found]
-    return kind, Loaded(_validate_data(data, kind, label, lines), path, sha256)
+    return kind, LoadedConfig(_validate_data(data, kind, label, lines), path, sha256)
 
 
-def validate_config(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
+def validate_config(data: Mapping[str, Any], kind: ConfigKind[M], label: str) -> M:
     """Returns a model from plain data, such as the machine in a run log's sidecar; `label` replaces
     the file's name in messages. Raises ConfigError."""
     return _validate_data(dict(data), kind, label, {})
 
 
-def save_config(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
+def save_config(path: Path, model: BaseModel, kind: ConfigKind[Any], comment: str = "") -> None:
     """Writes a configuration that `load_config` reads back to an equal model, completely or not at
     all. Raises OSError."""
     data = {"format": kind.format} | convert_to_plain(model)
@@ -111,7 +115,7 @@ def save_config(path: Path, model: BaseModel, kind: Kind[Any], comment: str = ""
     write_atomically(path, head + dump_yaml(data))
 
 
-def make_json_schema(kind: Kind[Any]) -> dict[str, Any]:
+def make_json_schema(kind: ConfigKind[Any]) -> dict[str, Any]:
     """Returns the JSON schema (2020-12) of a kind, with its `format` field, for editors."""
     body = make_model_schema(kind.model)
     properties = {"format": {"const": kind.format}} | {
@@ -178,13 +182,15 @@ def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     try:
         with path.open("rb") as file:
             # One byte more shows that the file is too large.
-            raw = file.read(CONFIG.most + 1)
+            raw = file.read(CONFIG_LIMIT.most + 1)
     except FileNotFoundError:
         raise ConfigError([f"{label}: no such file"]) from None
     except OSError as error:
         raise ConfigError([f"{label}: cannot be read: {error.strerror or error}"]) from None
-    if len(raw) > CONFIG.most:
-        raise ConfigError([f"{label}: too large for a configuration: allowed {CONFIG.most} bytes"])
+    if len(raw) > CONFIG_LIMIT.most:
+        raise ConfigError(
+            [f"{label}: too large for a configuration: allowed {CONFIG_LIMIT.most} bytes"]
+        )
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -201,7 +207,7 @@ def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
 
 
 def _validate_data(
-    data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]
+    data: dict[str, Any], kind: ConfigKind[M], label: str, lines: Mapping[KeyPath, int]
 ) -> M:
     """Returns the model of a file's data. Raises ConfigError."""
     found = data.get("format")

@@ -88,7 +88,7 @@ def _make_sentence(
         return f"key {key}: unknown key{suggest_nearest(str(path[-1]), names) or listed}"
     value = _find_value(data, path)
     start = f"key {key}: " if path else ""
-    if not isinstance(value, dict | list) and value is not _NOWHERE:
+    if not isinstance(value, dict | list) and value is not _NO_VALUE:
         start += f"value {_format_value(value)}: "
     if kind in _OWN_ERROR_TYPES:
         return start + detail["msg"].removeprefix("Value error, ").removeprefix(
@@ -108,7 +108,7 @@ def _make_schema(model: type[BaseModel]) -> Mapping[str, Any]:
 
 
 # This object means that the data have no such value, because None is a value.
-_NOWHERE = object()
+_NO_VALUE = object()
 
 
 def _find_value(data: object, path: KeyPath) -> object:
@@ -116,7 +116,7 @@ def _find_value(data: object, path: KeyPath) -> object:
         in_group = isinstance(data, dict) and step in data
         in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
         if not (in_group or in_list):
-            return _NOWHERE
+            return _NO_VALUE
         data = cast(Any, data)[step]
     return data
 
@@ -130,7 +130,7 @@ def _find_key_path(data: object, detail: ErrorDetails) -> KeyPath:
     last = len(place) - 1
     for index, step in enumerate(place):
         inner = _find_value(data, (step,))
-        if inner is not _NOWHERE:
+        if inner is not _NO_VALUE:
             path.append(step)
             data = inner
         elif index == last and detail["type"].startswith("missing"):

@@ -32,9 +32,9 @@ _EXTRA_REQUIREMENT = re.compile(
     r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]"""
 )
 # This file exists only in a clone.
-_PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+_PROJECT_FILE = Path(__file__).parents[2] / "pyproject.toml"
 # The name of a package before its version.
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_PACKAGE_NAME = re.compile(r"[A-Za-z0-9._-]+")
 
 
 class MissingExtra(ValueError):
@@ -69,11 +69,11 @@ def find_extra(module: str) -> str | None:
 def list_requirements(extra: str) -> tuple[str, ...]:
     """Returns an extra's packages with their lowest versions (`numba>=0.61`); a clone reads them
     from pyproject.toml."""
-    if _PROJECT.is_file():
+    if _PROJECT_FILE.is_file():
         return tuple(
-            tomllib.loads(_PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"][
-                extra
-            ]
+            tomllib.loads(_PROJECT_FILE.read_text(encoding="utf-8"))["project"][
+                "optional-dependencies"
+            ][extra]
         )
     found = [_EXTRA_REQUIREMENT.match(one) for one in requires(OWN_PACKAGE) or ()]
     return tuple(one["what"] for one in found if one and one["extra"] == extra)
@@ -81,7 +81,7 @@ def list_requirements(extra: str) -> tuple[str, ...]:
 
 def parse_package_name(requirement: str) -> str:
     """Returns the package name of a requirement: `numba` for `numba>=0.61`."""
-    found = _NAME.match(requirement)
+    found = _PACKAGE_NAME.match(requirement)
     return found[0] if found else requirement
 
 

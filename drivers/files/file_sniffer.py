@@ -36,7 +36,7 @@ class FileKind(NamedTuple):
 
 _ADVICE_SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _ADVICE_UNPACK = "unpack it first"
-_EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
+_ADVICE_EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
 # All kinds that are recognised, by their id.
 FILE_KINDS = {
     kind.id: kind
@@ -63,10 +63,14 @@ FILE_KINDS = {
         FileKind("fgb", "a FlatGeobuf file", _ADVICE_SAVE),
         FileKind("las", "a LAS point cloud", "no command reads point clouds"),
         FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
-        FileKind("deere", "a file of a John Deere display", f"{_EXPORT} Operations Center"),
-        FileKind("agleader", "a file of an Ag Leader display", f"{_EXPORT} SMS or AgFiniti"),
-        FileKind("cnh", "a card of a Case IH or New Holland display", f"{_EXPORT} AFS or PLM"),
-        FileKind("planting", "a file of a Precision Planting display", f"{_EXPORT} Panorama"),
+        FileKind("deere", "a file of a John Deere display", f"{_ADVICE_EXPORT} Operations Center"),
+        FileKind("agleader", "a file of an Ag Leader display", f"{_ADVICE_EXPORT} SMS or AgFiniti"),
+        FileKind(
+            "cnh", "a card of a Case IH or New Holland display", f"{_ADVICE_EXPORT} AFS or PLM"
+        ),
+        FileKind(
+            "planting", "a file of a Precision Planting display", f"{_ADVICE_EXPORT} Panorama"
+        ),
         FileKind("gzip", "a gzip file", _ADVICE_UNPACK),
         FileKind("7z", "a 7z archive", _ADVICE_UNPACK),
         FileKind("rar", "a RAR archive", _ADVICE_UNPACK),
@@ -141,10 +145,10 @@ _SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
 _ROOT_TAG = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
 _KIND_OF_ROOT = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
 # Beginning of a sentence of NMEA 0183.
-_NMEA = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
+_NMEA_SENTENCE = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
 # Every configuration file of topdress names its format.
-_CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
-_HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
+_CONFIG_FORMAT_LINE = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
+_HTML_BEGINNING = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
 
 def sniff_file_kind(path: Path) -> FileKind:
@@ -201,7 +205,7 @@ def _sniff_text(head: bytes) -> str:
         # A byte order mark of UTF-16 identifies a text.
         return "text"
     if begin.startswith(b"<"):
-        if _HTML.match(begin):
+        if _HTML_BEGINNING.match(begin):
             return "html"
         root = _ROOT_TAG.search(re.sub(rb"<[?!].*?>", b"", begin, flags=re.DOTALL))
         return (
@@ -211,9 +215,9 @@ def _sniff_text(head: bytes) -> str:
         return "json"
     if begin.startswith(CAPTURE):
         return "capture"
-    if _CONFIG.search(head):
+    if _CONFIG_FORMAT_LINE.search(head):
         return "config"
-    if len(_NMEA.findall(head)) >= 2:
+    if len(_NMEA_SENTENCE.findall(head)) >= 2:
         return "nmea"
     readable = sum(byte >= 32 or byte in b"\t\r\n\0\x0c" for byte in head)
     return (

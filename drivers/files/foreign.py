@@ -23,7 +23,7 @@ from topdress.drivers.files.header_names import rename_header as renamed
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
-Times = NDArray[np.float64]
+SecondsArray = NDArray[np.float64]
 # Share of numbers in a time column above which the other cells are not dates.
 _MAX_NUMBER_SHARE = 0.5
 # Name of a column with a speed in km/h.
@@ -152,7 +152,7 @@ def _is_empty_column(columns: Columns, name: str) -> bool:
 
 def find_time_column(
     path: Path, columns: Columns, names: Collection[str], findings: list[Finding]
-) -> Times:
+) -> SecondsArray:
     """Returns a log's `time_s` as numbers (n,), NaN where unknown; they may be unordered, or not in
     seconds.
 
@@ -186,7 +186,7 @@ def find_time_column(
     )
 
 
-def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> Times:
+def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> SecondsArray:
     """Returns numbers (n,), or seconds of dates; NaN where a cell holds neither."""
     if values.dtype == object:
         numbers = np.array([_parse_float(text) for text in values.tolist()])
@@ -222,7 +222,7 @@ def _parse_float(text: Any) -> float:
         return float("nan")
 
 
-def parse_utc_seconds(utc: NDArray[Any]) -> Times:
+def parse_utc_seconds(utc: NDArray[Any]) -> SecondsArray:
     """Returns seconds since 1970 (n,) of ISO 8601 texts in the zone that they name (else UTC), or
     of spreadsheet day numbers; NaN for other texts."""
     return np.array([_parse_utc_second(str(text).strip()) for text in utc.tolist()])

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 from topdress.drivers.files.layers import Layer, convert_to_degrees
-from topdress.drivers.files.limits import GEOPACKAGE, MB, check_limit
+from topdress.drivers.files.limits import GEOPACKAGE_LIMIT, MEGABYTE, check_limit
 from topdress.drivers.files.stated_units import StatedUnit, find_markup_units, find_text_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
@@ -24,10 +24,10 @@ MAX_READ_S = 20.0
 # millisecond.
 CLOCK_CHECK_STEPS = 20_000
 # Largest size of a cell, bytes.
-MAX_VALUE_BYTES = 64 * MB
+MAX_VALUE_BYTES = 64 * MEGABYTE
 # Largest memory of SQLite, bytes. A view sorts in memory, and the query is refused beyond this
 # size.
-MAX_HEAP_BYTES = 256 * MB
+MAX_HEAP_BYTES = 256 * MEGABYTE
 # Memory that an empty row needs in Python, bytes.
 EMPTY_ROW_BYTES = 200
 # Length of an envelope by its code in a geometry's header, bytes (OGC 12-128r19, 2.1.3).
@@ -178,7 +178,7 @@ def _iter_limited_rows(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, 
     taken = 0
     for row in rows:
         taken += EMPTY_ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
-        check_limit(GEOPACKAGE, taken, PlaceInFile(str(path)).go_down("rows of a layer"))
+        check_limit(GEOPACKAGE_LIMIT, taken, PlaceInFile(str(path)).go_down("rows of a layer"))
         yield row
 
 

@@ -29,7 +29,7 @@ from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
 # times of both begin at that row.
 MIN_FIRST_LINES = 100
 # Growth since the last reading of the whole file, after which the whole file is read again.
-REREAD_GROWTH = 2.0
+REREAD_GROWTH_FACTOR = 2.0
 # Encodings in which a line end is a single byte.
 ONE_BYTE_ENCODINGS = (
     "utf-8",
@@ -61,7 +61,7 @@ class ForeignText:
     def read(self, size: int) -> Columns | None:
         """Returns new rows; None without a whole new line, or with too few lines to show their
         meaning. Raises TableError (with open questions), OSError."""
-        if self._mapping is None or size >= REREAD_GROWTH * self._whole_size:
+        if self._mapping is None or size >= REREAD_GROWTH_FACTOR * self._whole_size:
             return self._read_whole()
         return self._read_new_lines()
 
@@ -152,7 +152,7 @@ class GrowingLog:
         self._foreign: bool | None = None
         self._text = ForeignText(self.path)
 
-    def more(self) -> Columns | None:
+    def read_new_rows(self) -> Columns | None:
         """Returns the rows since the last call with the columns of `RunLog`; None without new rows.
 
         Raises

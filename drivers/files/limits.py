@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 # Number of bytes of a megabyte.
-MB = 1 << 20
+MEGABYTE = 1 << 20
 
 
 class Limit(NamedTuple):
@@ -30,115 +30,127 @@ class Limit(NamedTuple):
     unit: str
 
 
-CONFIG = Limit("configuration, settings, weather (YAML, CSV)", 2_000_000, "bytes")
-TEXT = Limit(
-    "run log, table, bench table, plant list as text (CSV and its relatives)", 1024 * MB, "bytes"
-)
-COLUMNS = Limit("columns of a table", 2_000, "columns")
-LINE = Limit("line of a text table", 128 << 10, "bytes")
-JSON = Limit("GeoJSON", 256 * MB, "bytes")
-DIGITS = Limit("whole number in JSON", 300, "digits")
-XML = Limit(
-    "task file of ISO 11783 (TASKDATA.XML and all that it names); all those of a zip",
-    64 * MB,
+CONFIG_LIMIT = Limit("configuration, settings, weather (YAML, CSV)", 2_000_000, "bytes")
+TEXT_LIMIT = Limit(
+    "run log, table, bench table, plant list as text (CSV and its relatives)",
+    1024 * MEGABYTE,
     "bytes",
 )
-KML = Limit("KML, in a KMZ too", 64 * MB, "bytes")
-TAGS = Limit("XML of any kind", 2_000_000, "tags")
-GEOPACKAGE = Limit("GeoPackage; what one of its layers gives", 256 * MB, "bytes")
-RASTER = Limit("GeoTIFF", 256 * MB, "bytes")
-RASTER_CELLS = Limit(
+COLUMNS_LIMIT = Limit("columns of a table", 2_000, "columns")
+LINE_LIMIT = Limit("line of a text table", 128 << 10, "bytes")
+JSON_LIMIT = Limit("GeoJSON", 256 * MEGABYTE, "bytes")
+DIGITS_LIMIT = Limit("whole number in JSON", 300, "digits")
+XML_LIMIT = Limit(
+    "task file of ISO 11783 (TASKDATA.XML and all that it names); all those of a zip",
+    64 * MEGABYTE,
+    "bytes",
+)
+KML_LIMIT = Limit("KML, in a KMZ too", 64 * MEGABYTE, "bytes")
+TAGS_LIMIT = Limit("XML of any kind", 2_000_000, "tags")
+GEOPACKAGE_LIMIT = Limit("GeoPackage; what one of its layers gives", 256 * MEGABYTE, "bytes")
+RASTER_LIMIT = Limit("GeoTIFF", 256 * MEGABYTE, "bytes")
+RASTER_CELLS_LIMIT = Limit(
     "cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells"
 )
-CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
+CROSSINGS_LIMIT = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
 # The repair of an outline with 36 000 corners takes 1.5 s, with 200 000 corners 7 s.
-TOUCHES = Limit("places where one outline of a map touches itself", 10_000, "places")
+TOUCHES_LIMIT = Limit("places where one outline of a map touches itself", 10_000, "places")
 # Zones that were drawn or simplified separately cross only at corners of their borders.
-SHARED_CROSSINGS = Limit(
+SHARED_CROSSINGS_LIMIT = Limit(
     "places where outlines of different zones of a map cross, beyond two for each corner",
     20_000,
     "crossings",
 )
-NEAR_EDGES = Limit(
+NEAR_EDGES_LIMIT = Limit(
     "pairs of edges of a map's large outlines whose extents meet", 2_000_000, "pairs"
 )
-OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
-PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
-PARQUET_BYTES = Limit("Parquet, unpacked; its texts as they are read", 1024 * MB, "bytes")
+OVERLAPS_LIMIT = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
+PARQUET_CELLS_LIMIT = Limit("cells of a Parquet file", 50_000_000, "cells")
+PARQUET_BYTES_LIMIT = Limit(
+    "Parquet, unpacked; its texts as they are read", 1024 * MEGABYTE, "bytes"
+)
 # A log of a machine that stands all day needs some 30, because only its times change.
-PARQUET_PACKED = Limit(
+PARQUET_COMPRESSION_LIMIT = Limit(
     "cells of a Parquet file for each of its bytes, beyond the first million", 200, "cells"
 )
-NODES = Limit("nodes of a YAML file, aliases each time that they are used", 100_000, "nodes")
-REFERENCES = Limit("files that a task file names, each once", 1_000, "files")
-SHAPES = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MB, "bytes")
-SIDE = Limit("side file of a shapefile (.prj, .cpg and the like)", 1 * MB, "bytes")
-ENTRIES = Limit("entries of a zip", 5_000, "entries")
-UNPACKED = Limit("zip, unpacked altogether", 1024 * MB, "bytes")
-WORKBOOK = Limit("Excel workbook, unpacked altogether", 256 * MB, "bytes")
-CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216, "cells")
-RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
-OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
+YAML_NODES_LIMIT = Limit(
+    "nodes of a YAML file, aliases each time that they are used", 100_000, "nodes"
+)
+REFERENCES_LIMIT = Limit("files that a task file names, each once", 1_000, "files")
+SHAPEFILE_LIMIT = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MEGABYTE, "bytes")
+SIDE_FILE_LIMIT = Limit("side file of a shapefile (.prj, .cpg and the like)", 1 * MEGABYTE, "bytes")
+ZIP_ENTRIES_LIMIT = Limit("entries of a zip", 5_000, "entries")
+ZIP_UNPACKED_LIMIT = Limit("zip, unpacked altogether", 1024 * MEGABYTE, "bytes")
+WORKBOOK_LIMIT = Limit("Excel workbook, unpacked altogether", 256 * MEGABYTE, "bytes")
+SHEET_CELLS_LIMIT = Limit(
+    "cells of a sheet, empty ones between others included", 16_777_216, "cells"
+)
+RESUME_LIMIT = Limit(
+    "what is kept of a job next to its log (.resume.json)", 128 * MEGABYTE, "bytes"
+)
+OTHER_FILES_LIMIT = Limit(
+    "any other file (Parquet, recordings of devices, ...)", 1024 * MEGABYTE, "bytes"
+)
 
 # The order is that of the page.
-LIMITS = (
-    CONFIG,
-    TEXT,
-    COLUMNS,
-    LINE,
-    JSON,
-    DIGITS,
-    XML,
-    KML,
-    TAGS,
-    GEOPACKAGE,
-    RASTER,
-    RASTER_CELLS,
-    CROSSINGS,
-    TOUCHES,
-    SHARED_CROSSINGS,
-    NEAR_EDGES,
-    OVERLAPS,
-    PARQUET_CELLS,
-    PARQUET_BYTES,
-    PARQUET_PACKED,
-    NODES,
-    REFERENCES,
-    SHAPES,
-    SIDE,
-    ENTRIES,
-    UNPACKED,
-    WORKBOOK,
-    CELLS,
-    RESUME,
-    OTHER,
+FILE_LIMITS = (
+    CONFIG_LIMIT,
+    TEXT_LIMIT,
+    COLUMNS_LIMIT,
+    LINE_LIMIT,
+    JSON_LIMIT,
+    DIGITS_LIMIT,
+    XML_LIMIT,
+    KML_LIMIT,
+    TAGS_LIMIT,
+    GEOPACKAGE_LIMIT,
+    RASTER_LIMIT,
+    RASTER_CELLS_LIMIT,
+    CROSSINGS_LIMIT,
+    TOUCHES_LIMIT,
+    SHARED_CROSSINGS_LIMIT,
+    NEAR_EDGES_LIMIT,
+    OVERLAPS_LIMIT,
+    PARQUET_CELLS_LIMIT,
+    PARQUET_BYTES_LIMIT,
+    PARQUET_COMPRESSION_LIMIT,
+    YAML_NODES_LIMIT,
+    REFERENCES_LIMIT,
+    SHAPEFILE_LIMIT,
+    SIDE_FILE_LIMIT,
+    ZIP_ENTRIES_LIMIT,
+    ZIP_UNPACKED_LIMIT,
+    WORKBOOK_LIMIT,
+    SHEET_CELLS_LIMIT,
+    RESUME_LIMIT,
+    OTHER_FILES_LIMIT,
 )
 
 # Limits by suffix; other files have `OTHER`.
 _LIMIT_OF_SUFFIX = {
-    ".csv": TEXT,
-    ".txt": TEXT,
-    ".tsv": TEXT,
-    ".geojson": JSON,
-    ".json": JSON,
-    ".xml": XML,
-    ".kml": KML,
-    ".gpkg": GEOPACKAGE,
-    ".tif": RASTER,
-    ".tiff": RASTER,
-    ".yaml": CONFIG,
-    ".yml": CONFIG,
-    ".shp": SHAPES,
-    ".shx": SHAPES,
-    ".dbf": SHAPES,
-    ".prj": SIDE,
-    ".cpg": SIDE,
-    ".qpj": SIDE,
-    ".xlsx": WORKBOOK,
-    ".xlsm": WORKBOOK,
-    ".xls": WORKBOOK,
-    ".xlsb": WORKBOOK,
-    ".ods": WORKBOOK,
+    ".csv": TEXT_LIMIT,
+    ".txt": TEXT_LIMIT,
+    ".tsv": TEXT_LIMIT,
+    ".geojson": JSON_LIMIT,
+    ".json": JSON_LIMIT,
+    ".xml": XML_LIMIT,
+    ".kml": KML_LIMIT,
+    ".gpkg": GEOPACKAGE_LIMIT,
+    ".tif": RASTER_LIMIT,
+    ".tiff": RASTER_LIMIT,
+    ".yaml": CONFIG_LIMIT,
+    ".yml": CONFIG_LIMIT,
+    ".shp": SHAPEFILE_LIMIT,
+    ".shx": SHAPEFILE_LIMIT,
+    ".dbf": SHAPEFILE_LIMIT,
+    ".prj": SIDE_FILE_LIMIT,
+    ".cpg": SIDE_FILE_LIMIT,
+    ".qpj": SIDE_FILE_LIMIT,
+    ".xlsx": WORKBOOK_LIMIT,
+    ".xlsm": WORKBOOK_LIMIT,
+    ".xls": WORKBOOK_LIMIT,
+    ".xlsb": WORKBOOK_LIMIT,
+    ".ods": WORKBOOK_LIMIT,
 }
 # Suffixes of the files that a reader of a shapefile opens too.
 _SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg")
@@ -183,7 +195,7 @@ def check_file(path: Path) -> None:
     """
     if path.is_dir():
         for number, file in enumerate(_iter_task_files(path), start=1):
-            check_limit(ENTRIES, number, str(path))
+            check_limit(ZIP_ENTRIES_LIMIT, number, str(path))
             _check_size(file.suffix, file.stat().st_size, str(file))
         return
     if not path.is_file():
@@ -204,12 +216,14 @@ def check_file(path: Path) -> None:
 
 def check_text(data: bytes, label: str) -> None:
     """Checks the beginning of a text table for an endless line or header. Raises BeyondLimits."""
-    check_limit(TEXT, len(data), label)
-    lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
-    check_limit(LINE, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines"))
+    check_limit(TEXT_LIMIT, len(data), label)
+    lines = data[:MEGABYTE].replace(b"\r", b"\n").split(b"\n")
+    check_limit(
+        LINE_LIMIT, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines")
+    )
     for line in [_QUOTED_CELL.sub(b"", one) for one in lines if one][:50]:
         for sign in (b",", b";", b"\t", b"|"):
-            check_limit(COLUMNS, line.count(sign), label)
+            check_limit(COLUMNS_LIMIT, line.count(sign), label)
 
 
 def read_json(path: Path) -> Any:
@@ -218,10 +232,10 @@ def read_json(path: Path) -> Any:
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a pipe or a device: allowed is a file")
     size = path.stat().st_size
-    if size > JSON.most:
+    if size > JSON_LIMIT.most:
         raise ValueError(
-            f"{_format_amount(size, JSON.unit)}: allowed up to "
-            f"{_format_amount(JSON.most, JSON.unit)}"
+            f"{_format_amount(size, JSON_LIMIT.unit)}: allowed up to "
+            f"{_format_amount(JSON_LIMIT.most, JSON_LIMIT.unit)}"
         )
     try:
         return json.loads(path.read_bytes().decode("utf-8-sig"), parse_int=_parse_limited_int)
@@ -232,7 +246,7 @@ def read_json(path: Path) -> Any:
 def _check_zip(path: Path) -> None:
     """Checks a zip by its own directory, because its readers unpack no more of an entry than the
     directory states."""
-    whole = UNPACKED if path.suffix.lower() in (".zip", ".kmz") else WORKBOOK
+    whole = ZIP_UNPACKED_LIMIT if path.suffix.lower() in (".zip", ".kmz") else WORKBOOK_LIMIT
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
@@ -240,14 +254,14 @@ def _check_zip(path: Path) -> None:
         # Its reader reports the damage.
         # The reader reports that the file is no zip.
         return
-    check_limit(ENTRIES, len(entries), str(path))
+    check_limit(ZIP_ENTRIES_LIMIT, len(entries), str(path))
     check_limit(
         whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).go_down("unpacked")
     )
     check_limit(
-        XML,
+        XML_LIMIT,
         sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
-        if whole is UNPACKED
+        if whole is ZIP_UNPACKED_LIMIT
         else 0,
         PlaceInFile(str(path)).go_down("task files"),
     )
@@ -265,12 +279,12 @@ def _check_zip(path: Path) -> None:
                 "compression {number}: allowed are stored and deflated",
                 number=entry.compress_type,
             )
-        if whole is UNPACKED:
+        if whole is ZIP_UNPACKED_LIMIT:
             _check_size(Path(entry.filename).suffix, entry.file_size, label)
 
 
 def _check_size(suffix: str, size: int, label: str) -> None:
-    check_limit(_LIMIT_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
+    check_limit(_LIMIT_OF_SUFFIX.get(suffix.lower(), OTHER_FILES_LIMIT), size, label)
 
 
 def _iter_task_files(folder: Path) -> Iterator[Path]:
@@ -284,12 +298,12 @@ def _iter_task_files(folder: Path) -> Iterator[Path]:
 
 def _parse_limited_int(text: str) -> int:
     """Returns an integer of JSON. Raises ValueError for too many digits."""
-    if len(text) > DIGITS.most:
-        raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS.most}")
+    if len(text) > DIGITS_LIMIT.most:
+        raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS_LIMIT.most}")
     return int(text)
 
 
 def _format_amount(number: int, unit: str) -> str:
     if unit == "bytes":
-        return f"{number / MB:.0f} MB" if number >= 10 * MB else f"{number} bytes"
+        return f"{number / MEGABYTE:.0f} MB" if number >= 10 * MEGABYTE else f"{number} bytes"
     return f"{number} {unit}"

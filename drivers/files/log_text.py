@@ -19,13 +19,13 @@ from topdress.control.log_row import (
 )
 
 # Header of a log without section valves.
-HEADER = ",".join(COLUMNS) + "\n"
+LOG_HEADER = ",".join(COLUMNS) + "\n"
 
 # Largest length of a written line, bytes: half of the bytes in which a reader searches the
 # beginning of the last line.
 MAX_ROW_BYTES = 32_768
 # Number of characters that each text of a longer line keeps; all texts together then fit.
-MAX_CUT_CELL = 1_000
+MAX_CUT_CELL_CHARACTERS = 1_000
 # Largest number of bytes of a character in UTF-8.
 MAX_CHARACTER_BYTES = 4
 # This mark ends a text that was cut.
@@ -33,7 +33,7 @@ CUT_MARK = "..."
 # Decimals of time_s where two rows fall into the same millisecond.
 _CLOSE_TIME_DECIMALS = 6
 # This format takes its value and prints nothing.
-_EMPTY_FORM = "%.0s"
+_EMPTY_FORMAT = "%.0s"
 
 
 def _find_number_form(column: str) -> str:
@@ -87,7 +87,7 @@ class RowText:
         """Returns a row as a line with its line end.
 
         Numbers that are not finite are unknown; line breaks in texts become spaces. Texts of a line
-        that is too long for readers are cut to `MAX_CUT_CELL`.
+        that is too long for readers are cut to `MAX_CUT_CELL_CHARACTERS`.
 
         Raises
         ------
@@ -113,7 +113,8 @@ class RowText:
         if template is None:
             template = (
                 ",".join(
-                    _EMPTY_FORM if u else form for u, form in zip(unknown, self._forms, strict=True)
+                    _EMPTY_FORMAT if u else form
+                    for u, form in zip(unknown, self._forms, strict=True)
                 )
                 + "\n"
             )
@@ -133,8 +134,8 @@ class RowText:
 
 
 def _cut_long_text(value: float | str | None) -> float | str | None:
-    if isinstance(value, str) and len(value) > MAX_CUT_CELL:
-        return value[: MAX_CUT_CELL - len(CUT_MARK)] + CUT_MARK
+    if isinstance(value, str) and len(value) > MAX_CUT_CELL_CHARACTERS:
+        return value[: MAX_CUT_CELL_CHARACTERS - len(CUT_MARK)] + CUT_MARK
     return value
 
 

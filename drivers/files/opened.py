@@ -50,10 +50,10 @@ class FileContent:
     def is_table(self) -> bool:
         """Returns whether the file has rows and columns, whatever its suffix: a text or a
         workbook."""
-        return not (self.path.is_dir() or self._suffix in FOREIGN_SUFFIXES or self._of_areas)
+        return not (self.path.is_dir() or self._suffix in FOREIGN_SUFFIXES or self._has_area_suffix)
 
     @property
-    def _of_areas(self) -> bool:
+    def _has_area_suffix(self) -> bool:
         return self._suffix in _AREA_SUFFIXES or has_format_plugin(self._suffix)
 
     @cached_property
@@ -94,7 +94,7 @@ class FileContent:
         )
 
     @cached_property
-    def holds(self) -> ContentKind:
+    def content_kind(self) -> ContentKind:
         """Returns the content of the file; empty for a table whose columns do not show it. A file
         of areas is a map, even if its outlines are used as a field. Raises BeyondLimits, OSError.
         """
@@ -103,7 +103,7 @@ class FileContent:
             return self._find_by_columns()
         if self._suffix in PARQUET:
             return "log"
-        if self._of_areas:
+        if self._has_area_suffix:
             return "map"
         if sniff_file_kind(self.path).id == "aog":
             return "field"

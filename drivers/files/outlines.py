@@ -19,11 +19,11 @@ from topdress.control.targets.rate_map import (
     make_polygons_as_drawn,
 )
 from topdress.drivers.files.limits import (
-    CROSSINGS,
-    NEAR_EDGES,
-    OVERLAPS,
-    SHARED_CROSSINGS,
-    TOUCHES,
+    CROSSINGS_LIMIT,
+    NEAR_EDGES_LIMIT,
+    OVERLAPS_LIMIT,
+    SHARED_CROSSINGS_LIMIT,
+    TOUCHES_LIMIT,
     check_limit,
 )
 from topdress.drivers.plain_text import PlaceInFile
@@ -72,7 +72,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     less = 0.5 * SLIVER_SHARE * (high - low)
     extents = shapely.box(*(low + less).T, *(high - less).T)
     _check_shared_crossings(zones, label)
-    if _count_meeting_extents(extents, OVERLAPS.most) <= OVERLAPS.most:
+    if _count_meeting_extents(extents, OVERLAPS_LIMIT.most) <= OVERLAPS_LIMIT.most:
         # Neighbouring cells of a grid only touch.
         return crossed
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
@@ -86,7 +86,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
         later, earlier = later[later > earlier], earlier[later > earlier]
         shared = shapely.area(shapely.intersection(shapes[later], shapes[earlier]))
         found += int((shared > SLIVER_SHARE * np.minimum(areas[later], areas[earlier])).sum())
-        check_limit(OVERLAPS, found, label)
+        check_limit(OVERLAPS_LIMIT, found, label)
     return crossed
 
 
@@ -114,16 +114,16 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
     large = [k for k, zone in enumerate(zones) if sum(map(len, zone)) > LARGE_CORNERS]
     near = crossings = crossed = 0
     for k in sorted({*large, *wrong}):
-        near += _count_near_pairs(zones[k], NEAR_EDGES.most - near)
-        check_limit(NEAR_EDGES, near, label)
+        near += _count_near_pairs(zones[k], NEAR_EDGES_LIMIT.most - near)
+        check_limit(NEAR_EDGES_LIMIT, near, label)
     for k in wrong:
         met, through = _count_meetings(zones[k])
-        check_limit(CROSSINGS, crossings + through, label)
-        check_limit(TOUCHES, (met - through) // PAIRS_PER_CORNER, label)
+        check_limit(CROSSINGS_LIMIT, crossings + through, label)
+        check_limit(TOUCHES_LIMIT, (met - through) // PAIRS_PER_CORNER, label)
         if are_self_crossing(shapes[k : k + 1])[0]:
             crossed += 1
             crossings += through + (met - through) // PAIRS_PER_CORNER
-            check_limit(CROSSINGS, crossings, label)
+            check_limit(CROSSINGS_LIMIT, crossings, label)
     return crossed
 
 
@@ -151,7 +151,7 @@ def _check_shared_crossings(
         once = owner[asked] < owner[met]
         found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
         # Zones with a common border cross at its corners by rounding alone.
-        check_limit(SHARED_CROSSINGS, found - CROSSINGS_PER_CORNER * len(edges), label)
+        check_limit(SHARED_CROSSINGS_LIMIT, found - CROSSINGS_PER_CORNER * len(edges), label)
 
 
 def _are_crossing(one: Floats, other: Floats) -> np.ndarray:

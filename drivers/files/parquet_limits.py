@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topdress.drivers.files.limits import (
-    MB,
-    PARQUET_BYTES,
-    PARQUET_CELLS,
-    PARQUET_PACKED,
+    MEGABYTE,
+    PARQUET_BYTES_LIMIT,
+    PARQUET_CELLS_LIMIT,
+    PARQUET_COMPRESSION_LIMIT,
     BeyondLimits,
     check_limit,
 )
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 # First and last bytes of a Parquet file.
 PARQUET_MAGIC = b"PAR1"
 # Largest length of a footer, and of a page's header, bytes.
-MAX_FOOTER_BYTES, MAX_HEADER_BYTES = 16 * MB, 64 << 10
+MAX_FOOTER_BYTES, MAX_HEADER_BYTES = 16 * MEGABYTE, 64 << 10
 # Largest depth of structs within structs, because a damaged footer may nest without end.
-MAX_DEPTH = 20
+MAX_STRUCT_DEPTH = 20
 # Ids of fields of the file; a row group uses the id of `ROWS_FIELD` too.
 ROWS_FIELD, ROW_GROUPS_FIELD = 3, 4
 # Ids of fields of a row group, a column chunk and its metadata.
@@ -43,7 +43,7 @@ COLUMNS_FIELD, META_FIELD, VALUES_FIELD, PACKED_FIELD, DATA_PAGE_FIELD, DICTIONA
 )
 # This number of cells is permitted however small the file is, because repeated values need hardly
 # any bytes.
-FREE_CELLS = 1_000_000
+MAX_UNCHECKED_CELLS = 1_000_000
 # Ids of fields of a page's header; each kind of page has its values in field 1.
 PAGE_UNPACKED_FIELD, PAGE_PACKED_FIELD, PAGE_KIND_FIELDS = 2, 3, (5, 7, 8)
 
@@ -77,8 +77,8 @@ def check_parquet(path: Path) -> None:
                         default=0,
                     )
                     unpacked += page[PAGE_UNPACKED_FIELD]
-                    check_limit(PARQUET_CELLS, values, path)
-                    check_limit(PARQUET_BYTES, unpacked, path)
+                    check_limit(PARQUET_CELLS_LIMIT, values, path)
+                    check_limit(PARQUET_BYTES_LIMIT, unpacked, path)
                     if min(page[PAGE_UNPACKED_FIELD], page[PAGE_PACKED_FIELD]) < 0:
                         raise ValueError
                     at += thrift.at + page[PAGE_PACKED_FIELD]
@@ -95,7 +95,7 @@ def check_text_bytes(frame: pl.DataFrame, path: Path) -> None:
 
     texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
     size = sum(int(column.str.len_bytes().sum() or 0) for column in texts)
-    check_limit(PARQUET_BYTES, size, PlaceInFile(str(path)).go_down("its texts"))
+    check_limit(PARQUET_BYTES_LIMIT, size, PlaceInFile(str(path)).go_down("its texts"))
 
 
 def _list_column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
@@ -108,9 +108,11 @@ def _list_column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[d
     if min(*counts, *values, *(chunk[PACKED_FIELD] for chunk in chunks), 0) < 0:
         raise ValueError
     cells = max(sum(values), *counts, sum(counts[1:]))
-    check_limit(PARQUET_CELLS, cells, path)
-    if cells > FREE_CELLS:
-        check_limit(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).go_down("a byte"))
+    check_limit(PARQUET_CELLS_LIMIT, cells, path)
+    if cells > MAX_UNCHECKED_CELLS:
+        check_limit(
+            PARQUET_COMPRESSION_LIMIT, cells // size, PlaceInFile(str(path)).go_down("a byte")
+        )
     return chunks
 
 
@@ -122,7 +124,7 @@ class _ThriftReader:
 
     def read_struct(self, depth: int = 0) -> dict[int, Any]:
         """Returns fields by their ids. Raises ValueError, IndexError."""
-        if depth > MAX_DEPTH:
+        if depth > MAX_STRUCT_DEPTH:
             raise ValueError("nested too deeply")
         found: dict[int, Any] = {}
         number = 0

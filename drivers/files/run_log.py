@@ -40,14 +40,14 @@ MAX_WAITING_ROWS = 72_000
 # Number of bytes that a simulation collects before it writes.
 _BLOCK_BYTES = 1 << 20
 
-Create = Callable[[Path, bool], NewFile]
+FileCreator = Callable[[Path, bool], NewFile]
 
 
 def begin_log(
     path: Path,
     meta: RunMeta,
     overwrite: bool = False,
-    create: Create = create_new_file,
+    create: FileCreator = create_new_file,
     kept: bool = True,
 ) -> NewFile:
     """Creates a log with its sidecar and its header.
@@ -150,7 +150,7 @@ class RunLogWriter:
         *,
         overwrite: bool = False,
         clock: Callable[[], float] = time.monotonic,
-        create: Create = create_new_file,
+        create: FileCreator = create_new_file,
         flush_s: float = FLUSH_PERIOD_S,
         sync_s: float = SYNC_PERIOD_S,
         max_waiting_rows: int = MAX_WAITING_ROWS,
@@ -188,7 +188,7 @@ class RunLogWriter:
         self._closing = threading.Event()
         self._started_kept = False
         self._open(kept=False)
-        self._thread = threading.Thread(target=self._run, name="run-log", daemon=True)
+        self._thread = threading.Thread(target=self._run_writing, name="run-log", daemon=True)
         self._thread.start()
 
     @property
@@ -230,18 +230,18 @@ class RunLogWriter:
             and self._lost == 0
         )
 
-    def _run(self) -> None:
+    def _run_writing(self) -> None:
         closing = False
         while not closing:
             closing = self._closing.wait(self._flush_s)
-            self._format()
-            self._write(closing)
+            self._format_waiting_rows()
+            self._write_waiting_rows(closing)
             if self.after_writing is not None:
                 self.after_writing(closing)
         if self._file is not None:
             self._file.close()
 
-    def _format(self) -> None:
+    def _format_waiting_rows(self) -> None:
         while True:
             try:
                 row = self._rows.get_nowait()
@@ -254,7 +254,7 @@ class RunLogWriter:
                 self._lost += 1
                 self._trouble = f"{self.path}: a row at {row.time_s} s cannot be written: {error}"
 
-    def _write(self, closing: bool) -> None:
+    def _write_waiting_rows(self, closing: bool) -> None:
         if self._file is None:
             self._open(kept=True)
         if self._file is None:
@@ -267,12 +267,12 @@ class RunLogWriter:
                     sync_to_disk(find_sidecar(self._file.path))
                 self._file.sync()
                 self._started_kept = True
-            if self._trouble and not self._file.stands:
-                self._file = self._gone_on_with(self._file)
+            if self._trouble and not self._file.is_in_place:
+                self._file = self._reopen_file(self._file)
             try:
                 self._write_formatted(self._file)
             except CutShortError as error:
-                self._file = self._anew_after(self._file, error.left)
+                self._file = self._begin_new_file(self._file, error.left)
                 self._write_formatted(self._file)
             self._formatted_rows = 0
             if closing or now_s - self._synced_at_s >= self._sync_s:
@@ -292,7 +292,7 @@ class RunLogWriter:
         finally:
             self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
-    def _anew_after(self, before: NewFile, left: int) -> NewFile:
+    def _begin_new_file(self, before: NewFile, left: int) -> NewFile:
         """Returns a new log with the removed rows, as far as they are still in memory, and all
         later rows. Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
@@ -304,7 +304,7 @@ class RunLogWriter:
             before.close()
         return file
 
-    def _gone_on_with(self, before: NewFile) -> NewFile:
+    def _reopen_file(self, before: NewFile) -> NewFile:
         """Returns the log's file again, after it was deleted, or its folder or disk was removed and
         returned. Raises OSError.
 

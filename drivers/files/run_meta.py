@@ -19,7 +19,7 @@ from topdress.drivers.files.yaml_text import YamlError, dump_yaml, parse_yaml
 # Format of the sidecar, a contract.
 RUN_LOG_FORMAT = "topdress-run-log/1"
 
-Resolved = Mapping[str, Any]
+PlainConfig = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class RunMeta:
     with all defaults filled in."""
 
     software: str = ""
-    machine: Resolved | None = None
-    crop: Resolved | None = None
-    job: Resolved | None = None
+    machine: PlainConfig | None = None
+    crop: PlainConfig | None = None
+    job: PlainConfig | None = None
     # None means that the run was not simulated.
     seed: int | None = None
     # Checksums by the name of the configuration file.
@@ -42,9 +42,9 @@ class RunMeta:
 
 
 def make_run_meta(
-    machine: BaseModel | Resolved | None = None,
-    crop: BaseModel | Resolved | None = None,
-    job: BaseModel | Resolved | None = None,
+    machine: BaseModel | PlainConfig | None = None,
+    crop: BaseModel | PlainConfig | None = None,
+    job: BaseModel | PlainConfig | None = None,
     *,
     seed: int | None = None,
     sha256: Mapping[str, str] | None = None,
@@ -123,9 +123,9 @@ def read_sidecar_meta(log: str | Path) -> RunMeta | None:
         return None
 
 
-def _convert_optional(value: BaseModel | Resolved | None) -> Resolved | None:
+def _convert_optional(value: BaseModel | PlainConfig | None) -> PlainConfig | None:
     return None if value is None else dict(convert_to_plain(value))
 
 
-def _take_mapping(value: object) -> Resolved | None:
+def _take_mapping(value: object) -> PlainConfig | None:
     return value if isinstance(value, dict) else None

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 import platformdirs
 from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.files.config import ConfigError, Kind, load_config, save_config
+from topdress.drivers.files.config import ConfigError, ConfigKind, load_config, save_config
 
 # Highest rate that may be typed, kg/ha.
 MAX_RATE_KG_HA = 2000.0
@@ -27,7 +27,7 @@ class ManualRate(FrozenModel):
     high_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = MAX_RATE_KG_HA
 
     @model_validator(mode="after")
-    def _in_order(self) -> ManualRate:
+    def _check_order(self) -> ManualRate:
         """Refuses an empty range. Raises ValueError."""
         if self.low_kg_ha >= self.high_kg_ha:
             raise ValueError(
@@ -92,7 +92,7 @@ class ReadSettings(NamedTuple):
     trouble: str = ""
 
 
-SETTINGS = Kind("topdress-settings/1", "settings", Settings)
+SETTINGS_KIND = ConfigKind("topdress-settings/1", "settings", Settings)
 
 
 def find_settings_path() -> Path:
@@ -106,7 +106,7 @@ def read_settings(path: Path) -> ReadSettings:
     if not path.exists():
         return ReadSettings(Settings())
     try:
-        return ReadSettings(load_config(path, SETTINGS).model)
+        return ReadSettings(load_config(path, SETTINGS_KIND).model)
     except ConfigError as error:
         more = f" (+{len(error.lines) - 1})" if len(error.lines) > 1 else ""
         return ReadSettings(Settings(), f"{error.lines[0]}{more}")
@@ -118,6 +118,6 @@ def write_settings(path: Path, settings: Settings) -> None:
     save_config(
         path,
         settings,
-        SETTINGS,
+        SETTINGS_KIND,
         "Settings of the topdress console; the console's Settings page writes this file.",
     )

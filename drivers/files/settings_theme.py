@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.files.config import ConfigError, Kind, load_config
+from topdress.drivers.files.config import ConfigError, ConfigKind, load_config
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
 
@@ -43,7 +43,7 @@ class ThemeData(FrozenModel):
     colours: dict[str, Colour] = {}
 
     @model_validator(mode="after")
-    def _known(self) -> ThemeData:
+    def _check_colours(self) -> ThemeData:
         if self.name in ("day", "night", "contrast"):
             raise ValueError(f"name {self.name}: is a built-in theme; allowed is another name")
         unknown = [name for name in self.colours if name not in THEME_COLOURS]
@@ -52,7 +52,7 @@ class ThemeData(FrozenModel):
         return self
 
 
-THEME = Kind("topdress-theme/1", "themes", ThemeData)
+THEME_KIND = ConfigKind("topdress-theme/1", "themes", ThemeData)
 
 
 def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
@@ -61,7 +61,7 @@ def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
     wrong: list[str] = []
     for path in sorted(folder.glob("*.yaml")):
         try:
-            themes.append(load_config(path, THEME).model)
+            themes.append(load_config(path, THEME_KIND).model)
         except ConfigError as error:
             wrong.append(error.lines[0])
     return tuple(themes), tuple(wrong)

@@ -20,19 +20,25 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.product_calibration import apply_product
 from topdress.control.orders import CANOPY_SOURCES
 from topdress.drivers.cab_config import BoardConfig, CabConfig
-from topdress.drivers.files.config import Loaded, calc_sha256, load_any_config, load_config
+from topdress.drivers.files.config import LoadedConfig, calc_sha256, load_any_config, load_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
+from topdress.drivers.files.kinds import (
+    CONFIG_KINDS,
+    CROP_KIND,
+    JOB_KIND,
+    MACHINE_KIND,
+    PRODUCT_KIND,
+)
 from topdress.drivers.files.prescriptions.for_job import list_job_files
 from topdress.drivers.files.weather import WeatherError, count_growing_days
 
 # Number of relays of a rate module besides the drive's own.
 MAX_MODULE_VALVES = 15
 # Relative difference up to which two circumferences of the wheel count as equal.
-SAME_WHEEL_SHARE = 1e-4
+MAX_WHEEL_DIFFERENCE_SHARE = 1e-4
 
 # A function of this type returns the names of the logs of the job that is continued.
-OwnLogs = Callable[[Job], Collection[str]]
+OwnLogsFinder = Callable[[Job], Collection[str]]
 
 
 def list_no_logs(job: Job) -> Collection[str]:
@@ -80,14 +86,14 @@ class Setup:
         )
 
 
-def load_by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
+def load_by_kind(files: Iterable[str]) -> dict[str, LoadedConfig[BaseModel]]:
     """Returns configuration files, given in any order, by their `format:`. Raises ConfigError."""
-    found: dict[str, Loaded[BaseModel]] = {}
+    found: dict[str, LoadedConfig[BaseModel]] = {}
     for file in files:
-        kind, loaded = load_any_config(file, KINDS)
-        if kind is CROP:
+        kind, loaded = load_any_config(file, CONFIG_KINDS)
+        if kind is CROP_KIND:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
-        if kind is PRODUCT:
+        if kind is PRODUCT_KIND:
             raise ConfigError(
                 [f"{file}: a product file: name it in the job file (key product_file)"]
             )
@@ -102,19 +108,21 @@ def load_by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
 
 
 def build_setup(
-    found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = list_no_logs
+    found: Mapping[str, LoadedConfig[BaseModel]],
+    today: dt.date,
+    own_logs: OwnLogsFinder = list_no_logs,
 ) -> Setup:
     """Returns the setup of these files; the shipped nominal file replaces each missing file.
     `own_logs` is as in `load_setup`. Raises ConfigError."""
     machine, job = (
         found[kind.format].path if kind.format in found else shipped
-        for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo"))
+        for kind, shipped in ((MACHINE_KIND, "huanghai"), (JOB_KIND, "demo"))
     )
     return load_setup(machine, job, today, own_logs)
 
 
 def load_setup(
-    machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = list_no_logs
+    machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogsFinder = list_no_logs
 ) -> Setup:
     """Returns the setup of a job, the crop and the product that it names, and a machine.
 
@@ -133,9 +141,9 @@ def load_setup(
     ------
     ConfigError : a line for each error.
     """
-    got_machine = load_config(machine, MACHINE)
-    got_job = load_config(job, JOB)
-    got_crop = load_config(got_job.model.crop, CROP, base=got_job.path.parent)
+    got_machine = load_config(machine, MACHINE_KIND)
+    got_job = load_config(job, JOB_KIND)
+    got_crop = load_config(got_job.model.crop, CROP_KIND, base=got_job.path.parent)
     got_product = load_job_product(got_job.model, got_job.path.parent)
     product = None if got_product is None else got_product.model
     crop, spreader = got_crop.model, got_machine.model
@@ -205,7 +213,7 @@ class YearNitrogen(NamedTuple):
 
 
 def find_year_nitrogen(
-    job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = list_no_logs
+    job: LoadedConfig[Job], crop: Crop, today: dt.date, own_logs: OwnLogsFinder = list_no_logs
 ) -> YearNitrogen | None:
     """Returns the nitrogen that remains below the job's ceiling.
 
@@ -277,10 +285,14 @@ def describe_growth(growth: Growth | None) -> str:
     return f"growth stage {growth.scale} {growth.stage:g} is outside: {window}"
 
 
-def load_job_product(job: Job, folder: Path) -> Loaded[Product] | None:
+def load_job_product(job: Job, folder: Path) -> LoadedConfig[Product] | None:
     """Returns the product file that a job names, a path relative to the job or a shipped name; None
     where the job names none. Raises ConfigError."""
-    return None if job.product_file is None else load_config(job.product_file, PRODUCT, base=folder)
+    return (
+        None
+        if job.product_file is None
+        else load_config(job.product_file, PRODUCT_KIND, base=folder)
+    )
 
 
 def describe_product(product: Product, machine: Machine) -> str:
@@ -293,7 +305,9 @@ def describe_product(product: Product, machine: Machine) -> str:
     )
 
 
-def find_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
+def find_disagreements(
+    cab: LoadedConfig[BaseModel], machine: Machine, machine_path: str
+) -> list[str]:
     """Returns a line for each contradiction between a cab file and a machine file: different
     wheels, or section valves that no device of the cab drives."""
     config = cab.model if isinstance(cab.model, CabConfig) else None
@@ -322,7 +336,7 @@ def find_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: s
 
 
 def _compare_wheels(
-    cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machine_path: str
+    cab: LoadedConfig[BaseModel], board: BoardConfig, machine: Machine, machine_path: str
 ) -> list[str]:
     pairs = (
         ("wheel_circumference_m", board.wheel_circumference_m, machine.speed.wheel_circumference_m),
@@ -333,11 +347,13 @@ def _compare_wheels(
         f"{machine_path} has it (key "
         f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
         for key, ours, theirs in pairs
-        if abs(ours / theirs - 1.0) > SAME_WHEEL_SHARE
+        if abs(ours / theirs - 1.0) > MAX_WHEEL_DIFFERENCE_SHARE
     ]
 
 
-def find_index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
+def find_index_disagreements(
+    cab: LoadedConfig[BaseModel] | None, crop: Crop, job: Job
+) -> list[str]:
     """Returns a line where the index of the rule differs from the index of the heads. `cab` None
     means simulated heads. A job without canopy sensing needs no index."""
     if job.target.source not in CANOPY_SOURCES:

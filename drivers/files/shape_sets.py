@@ -18,7 +18,7 @@ import numpy as np
 import shapefile
 import shapely
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.archives import Files, Folder, open_archive
+from topdress.drivers.files.archives import ArchiveFiles, Folder, open_archive
 from topdress.drivers.files.imports.dialect import find_encoding
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.layers import (
@@ -84,7 +84,7 @@ class ShapeSet:
     """Names the files of a shapefile. `name` is the name of its .shp, relative to `files`; `label`
     is its name in messages."""
 
-    files: Files
+    files: ArchiveFiles
     name: str
     label: str
 

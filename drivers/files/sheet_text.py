@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topdress.drivers.files.limits import CELLS, MB, BeyondLimits, check_limit
+from topdress.drivers.files.limits import MEGABYTE, SHEET_CELLS_LIMIT, BeyondLimits, check_limit
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -27,7 +27,7 @@ from topdress.drivers.files.limits import DAMAGED_ZIP
 # Number of bytes that are unpacked at a time. A workbook is streamed for its check, because its
 # reader (calamine) allocates all cells between the first and the last, empty ones included, and
 # ends the whole program if memory is short.
-CHUNK_BYTES = 4 * MB
+CHUNK_BYTES = 4 * MEGABYTE
 # Reference of a cell; `(?<=...)` follows the literal, so that the search runs at the speed of
 # memory where no reference occurs.
 _COLUMN_REFERENCE = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
@@ -62,7 +62,7 @@ def check_sheets(path: Path) -> None:
             else:
                 spans = _count_xlsx_cells(chunks)
             for cells in spans:
-                check_limit(CELLS, cells, label)
+                check_limit(SHEET_CELLS_LIMIT, cells, label)
             for _ in chunks:
                 # The entry is read to its end, so that the size in the directory is compared with
                 # the real size.
@@ -72,7 +72,7 @@ def check_sheets(path: Path) -> None:
 def read_sheet_cells(sheet: CalamineSheet, label: str) -> list[list[Any]]:
     """Returns all cells from the first row and column on. Raises BeyondLimits for too many
     cells."""
-    check_limit(CELLS, sheet.total_height * sheet.total_width, label)
+    check_limit(SHEET_CELLS_LIMIT, sheet.total_height * sheet.total_width, label)
     return sheet.to_python(skip_empty_area=False)
 
 

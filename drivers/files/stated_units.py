@@ -15,11 +15,11 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from topdress.drivers.files.archives import Files
+from topdress.drivers.files.archives import ArchiveFiles
 from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.imports.words import SHAPEFILE_NAME_LENGTH, fold_column_name
-from topdress.drivers.files.limits import SIDE
+from topdress.drivers.files.limits import SIDE_FILE_LIMIT
 from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import RefusedInput
 
@@ -91,7 +91,9 @@ def is_unit_name(key: str) -> bool:
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
-def read_side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
+def read_side_units(
+    files: ArchiveFiles, name: str, columns: Collection[str]
+) -> dict[str, StatedUnit]:
     """Returns units from the companion files that programs write for `name`. Raises RefusedInput,
     OSError."""
     plain = name.casefold()
@@ -102,12 +104,12 @@ def read_side_units(files: Files, name: str, columns: Collection[str]) -> dict[s
             start + ending for start in (stem, plain) for ending in SIDE_ENDINGS
         }:
             data = files.read(there)
-            if len(data) > SIDE.most:
+            if len(data) > SIDE_FILE_LIMIT.most:
                 raise RefusedInput(
                     files.label(there),
                     "{found} bytes: allowed up to {most}",
                     found=len(data),
-                    most=SIDE.most,
+                    most=SIDE_FILE_LIMIT.most,
                 )
             found |= find_markup_units(data, columns, PurePosixPath(there).name)
     return found

@@ -28,7 +28,7 @@ from topdress.drivers.files.imports.text import (
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES, read_sheet_text
 
-Rename = Callable[[tuple[str, ...]], RenamedHeader]
+HeaderRenamer = Callable[[tuple[str, ...]], RenamedHeader]
 
 # Characters that may separate columns.
 _SEPARATORS = ",;\t|"
@@ -78,7 +78,7 @@ def read_table(
     numbers: Collection[str] = (),
     texts: Collection[str] = (),
     *,
-    rename: Rename | None = None,
+    rename: HeaderRenamer | None = None,
     choose: Callable[[tuple[str, ...]], Collection[str]] | None = None,
     own_header: tuple[str, ...] = (),
     data: bytes | None = None,

@@ -25,7 +25,7 @@ from topdress.drivers.files.table import read_table
 from topdress.drivers.plain_text import OneLineError
 
 # Length of the intervals that belong to a plot by their middle, s: 0.25 m at 4.5 km/h.
-FINE_STRETCH_S = 0.2
+FINE_SEGMENT_S = 0.2
 # Columns of weights, in kg, kg and m2.
 WEIGHT_COLUMNS = ("applied_kg", "sample_kg", "sample_m2")
 
@@ -160,7 +160,7 @@ def read_trial(
     outlines = read_trial_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
     run = open_any_log(log)
-    applied = build_as_applied(run, machine, every_s=FINE_STRETCH_S)
+    applied = build_as_applied(run, machine, every_s=FINE_SEGMENT_S)
     readings, hz = _find_head_readings(run, applied.machine)
     later = None
     if after is not None:

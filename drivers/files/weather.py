@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.days import count_days_above_base
-from topdress.drivers.files.limits import CONFIG
+from topdress.drivers.files.limits import CONFIG_LIMIT
 from topdress.drivers.plain_text import OneLineError
 
 # Range of air temperatures on earth, degC (WMO records: -89.2 and 56.7).
@@ -42,9 +42,9 @@ def read_weather(path: Path) -> Weather:
     """Returns a weather file's days (UTF-8, with or without a byte order mark). Raises WeatherError
     in a line."""
     try:
-        if path.stat().st_size > CONFIG.most:
+        if path.stat().st_size > CONFIG_LIMIT.most:
             raise WeatherError(
-                f"{path}: {path.stat().st_size} bytes: allowed up to {CONFIG.most} bytes"
+                f"{path}: {path.stat().st_size} bytes: allowed up to {CONFIG_LIMIT.most} bytes"
             )
         lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except OSError as error:

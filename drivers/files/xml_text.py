@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from topdress.drivers.files.limits import TAGS, check_limit
+from topdress.drivers.files.limits import TAGS_LIMIT, check_limit
 from topdress.drivers.plain_text import OneLineError, PlaceInFile
 
 
@@ -36,7 +36,7 @@ def parse_xml_root(
     plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data
     total = total or XmlTotal(label)
     total.tags += plain.count(b"<")
-    check_limit(TAGS, total.tags, label)
+    check_limit(TAGS_LIMIT, total.tags, label)
     # A few bytes of entities can expand to any number of bytes.
     if b"<!ENTITY" in plain:
         raise XmlError("entities of its own: allowed is XML without them")

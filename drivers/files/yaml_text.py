@@ -11,19 +11,19 @@ import re
 from typing import Any
 
 import yaml
-from topdress.drivers.files.limits import NODES
+from topdress.drivers.files.limits import YAML_NODES_LIMIT
 from topdress.drivers.plain_text import OneLineError
 
 KeyPath = tuple[str | int, ...]
 
 # Largest depth of groups within groups; deeper files are bombs.
-MAX_DEPTH = 40
+MAX_YAML_DEPTH = 40
 
 
 # Beginning of the tags of plain data.
 _TAG_PREFIX = "tag:yaml.org,2002:"
 _KEY_TAGS = frozenset(_TAG_PREFIX + name for name in ("str", "int", "float", "bool", "merge"))
-_TAGS = _KEY_TAGS | {_TAG_PREFIX + name for name in ("null", "seq", "map")}
+_PLAIN_TAGS = _KEY_TAGS | {_TAG_PREFIX + name for name in ("null", "seq", "map")}
 
 
 class YamlError(OneLineError):
@@ -38,7 +38,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self.nodes += 1
-        if self.nodes > NODES.most:
+        if self.nodes > YAML_NODES_LIMIT.most:
             raise YamlError(f"line {self.line + 1}: nested too deeply or too large")
         return super().compose_node(parent, index)
 
@@ -46,7 +46,7 @@ class _Loader(yaml.SafeLoader):
 
 
 # Numbers of YAML 1.2; an exponent needs no point.
-_FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
+_FLOAT_PATTERN = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
 
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:bool", re.compile(r"^(true|True|TRUE|false|False|FALSE)$"), list("tTfF")
@@ -57,7 +57,7 @@ _Loader.add_implicit_resolver(
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")
 )
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT_PATTERN, list("-+0123456789."))
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
 
@@ -95,12 +95,12 @@ def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
 def _record_lines(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
     """Records lines and refuses duplicates and bombs; returns the number of nodes so far."""
     count += 1
-    if node.tag not in _TAGS:
+    if node.tag not in _PLAIN_TAGS:
         raise YamlError(
             f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
             "allowed is plain data without tags"
         )
-    if count > NODES.most or len(path) > MAX_DEPTH:
+    if count > YAML_NODES_LIMIT.most or len(path) > MAX_YAML_DEPTH:
         raise YamlError(f"line {node.start_mark.line + 1}: nested too deeply or too large")
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
@@ -155,7 +155,7 @@ _Dumper.add_representer(
         "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
     ),
 )
-_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT_PATTERN, list("-+0123456789."))
 
 
 def dump_yaml(data: Any) -> str:

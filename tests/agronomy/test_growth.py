@@ -17,7 +17,7 @@ from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, 
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.files.weather import WeatherError, count_growing_days, read_weather
 
@@ -105,13 +105,13 @@ def test_the_report_says_it():
 
 
 def test_check_says_it(tmp_path):
-    demo = load_config("demo", JOB).model.model_copy(update={"crop": "osu_winter_wheat_2007"})
+    demo = load_config("demo", JOB_KIND).model.model_copy(update={"crop": "osu_winter_wheat_2007"})
     for growth, said in (
         (None, "growth stage not said"),
         (GrowthStage(scale="feekes", stage=8), "feekes 8 is outside"),
         (GrowthStage(scale="feekes", stage=5), ""),
     ):
-        save_config(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB)
+        save_config(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB_KIND)
         result = topdress("check", tmp_path / "job.yaml")
         assert (
             result.exit_code == 0
@@ -119,7 +119,9 @@ def test_check_says_it(tmp_path):
             and said in result.output
         )
     save_config(
-        tmp_path / "job.yaml", demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}), JOB
+        tmp_path / "job.yaml",
+        demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}),
+        JOB_KIND,
     )
     assert "response index 0.91: no response" in topdress("check", tmp_path / "job.yaml").output
 
@@ -140,21 +142,21 @@ def test_the_list_before_work_says_it():
 
 def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     crop = load_setup("huanghai", "demo", dt.date(2014, 3, 7)).crop
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
 
     rows = "".join(f"{dt.date(2025, 11, 1) + dt.timedelta(days=k)},8.0\n" for k in range(150))
     (tmp_path / "w.csv").write_text("date,mean_temp_c\n" + rows)
     days = crop.days.model_copy(
         update={"count": None, "above_c": None, "weather": "w.csv", "sown": dt.date(2025, 11, 1)}
     )
-    save_config(tmp_path / "crop.yaml", crop.model_copy(update={"days": days}), CROP)
-    demo = load_config("demo", JOB).model.model_copy(update={"crop": "crop.yaml"})
+    save_config(tmp_path / "crop.yaml", crop.model_copy(update={"days": days}), CROP_KIND)
+    demo = load_config("demo", JOB_KIND).model.model_copy(update={"crop": "crop.yaml"})
     for dates, count in (
         ({}, 100),
         ({"sown": dt.date(2025, 11, 11)}, 90),
         ({"sensed": dt.date(2026, 1, 30)}, 90),
     ):
-        save_config(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB)
+        save_config(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB_KIND)
         assert (
             load_setup("huanghai", str(tmp_path / "job.yaml"), dt.date(2026, 2, 9)).rule.days
             == count

@@ -25,7 +25,7 @@ from topdress.control.agronomy.strips import (
 )
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.kinds import CROP_KIND
 
 
 @pytest.fixture
@@ -333,7 +333,7 @@ def ours(
 ) -> float:
     """Product, kg/ha, that the shipped file gives, read as the worker reads it. other: keys
     that it says otherwise."""
-    crop = load_config(CROPS / f"{name}.yaml", CROP).model.model_copy(update=other)
+    crop = load_config(CROPS / f"{name}.yaml", CROP_KIND).model.model_copy(update=other)
     job = Job.model_validate({"crop": name, "days": days, "ndvi_nrich": rich, "ndvi_check": check})
     return make_rule(crop, job, None).decide_rate(ndvi).rate_kg_ha
 

@@ -638,9 +638,11 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
 def test_the_plans_of_all_manoeuvres_are_known():
     from topdress.control.experiments.manoeuvres import list_manoeuvres
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
-    plans = {one.id: one.plan for one in list_manoeuvres(load_config("huanghai", MACHINE).model)}
+    plans = {
+        one.id: one.plan for one in list_manoeuvres(load_config("huanghai", MACHINE_KIND).model)
+    }
     assert (
         all(map(read_catalogue("zh").texts.get, plans.values()))
         and sample_found().found.next_run.plan == plans["stairs"]

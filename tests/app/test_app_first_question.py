@@ -18,7 +18,7 @@ from topdress.console.services.launcher import Launcher
 from topdress.console.services.recent import find_recent_sets
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 
@@ -141,7 +141,9 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
         jobs[name] = own / "jobs" / f"{name}.yaml"
         jobs[name].parent.mkdir(parents=True, exist_ok=True)
         save_config(
-            jobs[name], load_config("demo", JOB).model.model_copy(update={"title": name}), JOB
+            jobs[name],
+            load_config("demo", JOB_KIND).model.model_copy(update={"title": name}),
+            JOB_KIND,
         )
     machine = find_shipped_files("machines")["huanghai"]
     worked(logs, "a", 1, jobs["north"], machine, job="north")
@@ -153,8 +155,8 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
     (logs / "broken.yaml").write_text("format: [")
     save_config(
         own / "jobs" / "new.yaml",
-        load_config("demo", JOB).model.model_copy(update={"title": "new"}),
-        JOB,
+        load_config("demo", JOB_KIND).model.model_copy(update={"title": "new"}),
+        JOB_KIND,
     )
     found = find_recent_sets(logs, own)
     assert [(one.job, one.began_utc[:10]) for one in found] == [
@@ -176,7 +178,7 @@ def test_run_takes_a_job_by_path_or_name_and_asks_nothing_then(tmp_path, monkeyp
     monkeypatch.setattr(screens.platformdirs, "user_data_dir", lambda *_a, **_k: str(tmp_path))
     own = tmp_path / "jobs" / "north.yaml"
     own.parent.mkdir()
-    save_config(own, load_config("demo", JOB).model, JOB)
+    save_config(own, load_config("demo", JOB_KIND).model, JOB_KIND)
     begun = []
     monkeypatch.setattr(screens, "show_run", lambda config, *_rest: begun.append(config))
     for given in (["north"], ["demo"], [str(own)], ["north", "--config", "huanghai"], []):

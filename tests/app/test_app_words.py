@@ -27,7 +27,7 @@ from topdress.control.machine.form import FORMS
 from topdress.control.orders import Alarm, Severity, State, Strategy, TargetSource
 from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS
 from topdress.drivers.files.config import find_shipped_files, load_config
-from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.kinds import CROP_KIND
 
 from tests.app.gallery import Picture, settle, still_app
 
@@ -115,8 +115,8 @@ def crop_notes() -> set[str]:
     """What the shipped crops note about themselves, the names of keys left out."""
     notes = {
         note
-        for place in find_shipped_files(CROP.folder).values()
-        for note in load_config(place, CROP).model.warnings
+        for place in find_shipped_files(CROP_KIND.folder).values()
+        for note in load_config(place, CROP_KIND).model.warnings
     }
     return {
         note.partition(": ")[0] if note.startswith("example values") else note for note in notes

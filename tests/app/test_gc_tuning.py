@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 
 import pytest
-from topdress.console.gc_tuning import MOST_FREEZES, FreezeSchedule
+from topdress.console.gc_tuning import MAX_FREEZES, FreezeSchedule
 
 LIVES = 4000  # more than pytest itself makes meanwhile
 
@@ -30,7 +30,7 @@ def test_what_lives_is_not_swept_again():
     one = FreezeSchedule(LIVES)
     lives = [Living() for _ in range(LIVES)]
     one.freeze_after_sweep()
-    assert one.left == MOST_FREEZES, "before a sweep nobody knows what lives"
+    assert one.left == MAX_FREEZES, "before a sweep nobody knows what lives"
     gc.collect()
     assert len(gc.get_objects(generation=2)) > LIVES
     one.freeze_after_sweep()
@@ -40,16 +40,16 @@ def test_what_lives_is_not_swept_again():
 def test_once_after_a_sweep_and_not_for_ever():
     one = FreezeSchedule(LIVES)
     kept = []
-    for look in range(2 * MOST_FREEZES):
+    for look in range(2 * MAX_FREEZES):
         kept.append([Living() for _ in range(LIVES)])
         gc.collect()
         one.freeze_after_sweep()
         one.freeze_after_sweep()
-        assert one.left == max(0, MOST_FREEZES - 1 - look)
+        assert one.left == max(0, MAX_FREEZES - 1 - look)
 
 
 def test_little_is_left_to_the_sweeps_of_python():
     one = FreezeSchedule(LIVES)
     gc.collect()
     one.freeze_after_sweep()
-    assert one.left == MOST_FREEZES
+    assert one.left == MAX_FREEZES

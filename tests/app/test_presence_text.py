@@ -12,16 +12,16 @@ from topdress.console.app.ordered_words import ORDER_NAMES
 from topdress.console.app.pages.all import SCREEN_CLASSES
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.services import Services
-from topdress.console.attached import Attached, Ordered
+from topdress.console.attached import AttachedConsole, ExecutedOrder
 from topdress.control.orders import Do
 
 from tests.app.harness import in_state, later, looked, text_of, turned
 from tests.app.made_up.job import SampleJobService
 
-OWN = Attached("ann@cab pts/3", False, True, True)
-LAB = Attached("lab@cab pts/4", False, True, True)
-TABLET = Attached("tablet Ann", True, True, False)
-OFFICE = Attached("tablet office", True, False, False)
+OWN = AttachedConsole("ann@cab pts/3", False, True, True)
+LAB = AttachedConsole("lab@cab pts/4", False, True, True)
+TABLET = AttachedConsole("tablet Ann", True, True, False)
+OFFICE = AttachedConsole("tablet office", True, False, False)
 PAGES = [where for where in SCREEN_CLASSES if where != "replay"]
 
 
@@ -40,8 +40,8 @@ def several(source):
         attached=(OWN, LAB, TABLET, OFFICE),
         consoles=2,
         ordered=(
-            Ordered("start", "", OWN.name, time_s - 9.0),
-            Ordered("nudge", "5.0", TABLET.name, time_s),
+            ExecutedOrder("start", "", OWN.name, time_s - 9.0),
+            ExecutedOrder("nudge", "5.0", TABLET.name, time_s),
         ),
     )
     return source
@@ -57,12 +57,12 @@ async def test_every_page_says_who_ordered_and_who_is_there(app, several, size, 
 
 async def test_a_console_alone_has_no_row_more(app, source):
     source.name = OWN.name
-    now(source, attached=(OWN,), ordered=(Ordered("hold", "", OWN.name, 1.0),))
+    now(source, attached=(OWN,), ordered=(ExecutedOrder("hold", "", OWN.name, 1.0),))
     async with app.run_test(size=(120, 40)) as pilot:
         await looked(app, pilot)
         assert "at this machine" not in text_of(app)
         # who ordered and left stays named
-        now(source, ordered=(Ordered("hold", "", "lab@cab pts/4", 2.0),))
+        now(source, ordered=(ExecutedOrder("hold", "", "lab@cab pts/4", 2.0),))
         await looked(app, pilot)
         assert "HOLD by lab@cab pts/4" in text_of(app)
 
@@ -72,7 +72,7 @@ async def test_a_console_alone_has_no_row_more(app, source):
     [
         ({"attached": (OWN, LAB, TABLET)}, "tablet office has left"),
         (
-            {"attached": (OWN, LAB, TABLET, OFFICE, Attached("new", False, True, True))},
+            {"attached": (OWN, LAB, TABLET, OFFICE, AttachedConsole("new", False, True, True))},
             "new has joined (console, keeps the machine working)",
         ),
         (
@@ -88,12 +88,12 @@ async def test_a_console_alone_has_no_row_more(app, source):
             "lab@cab pts/4 is silent: the machine goes on, ann@cab pts/3 keeps it working",
         ),
         ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "lab@cab pts/4 has left"),
-        ({"ordered": (Ordered("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
+        ({"ordered": (ExecutedOrder("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
         (
-            {"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)},
+            {"ordered": (ExecutedOrder("strategy", "speed_first", TABLET.name, 500.0),)},
             "tablet Ann: strategy speed first",
         ),
-        ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),
+        ({"ordered": (ExecutedOrder("hold", "", OWN.name, 500.0),)}, ""),
     ],
 )
 async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said, pilot):

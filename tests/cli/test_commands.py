@@ -28,7 +28,7 @@ from topdress.control.metering.setting import PLAN_BAND_MM_SHARE
 from topdress.drivers.files import setup
 from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import JOB, MACHINE
+from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
 
 from tests.command import topdress
 
@@ -113,7 +113,10 @@ def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -
     """A word of older job files: at each door where it was accepted."""
     job, said = tmp_path / "old.yaml", "note: strategy balanced: works as opening_first"
     save_config(
-        job, load_config("demo", JOB).model.model_copy(update={"strategy": "balanced"}), JOB, ""
+        job,
+        load_config("demo", JOB_KIND).model.model_copy(update={"strategy": "balanced"}),
+        JOB_KIND,
+        "",
     )
     word = ["--strategy", "balanced"]
     simulate = ["simulate", "--seconds", "3"]
@@ -398,7 +401,9 @@ TERM = Term.model_validate(
 def extended(tmp_path: Path) -> Path:
     path = tmp_path / "new.yaml"
     after = add_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
-    save_config(path, append_history(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    save_config(
+        path, append_history(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE_KIND
+    )
     return path
 
 
@@ -415,7 +420,7 @@ def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:
     said = topdress("history", extended, "--undo", "--out", tmp_path / "back.yaml")
     assert said.exit_code == 0
     assert extended.read_bytes() == before
-    back = load_config(str(tmp_path / "back.yaml"), MACHINE).model
+    back = load_config(str(tmp_path / "back.yaml"), MACHINE_KIND).model
     assert (list_effect_sizes(back), back.terms) == ({}, ())
     assert "taken back" in topdress("history", tmp_path / "back.yaml").output
 

@@ -10,7 +10,7 @@ import pytest
 from topdress.control.diagnosis.runs.compared import calc_rms_interval
 from topdress.control.machine.machine import Adopted, add_effect
 from topdress.drivers.files.config import calc_sha256, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.command import topdress
 
@@ -35,10 +35,10 @@ def log_of(path: Path, gain: float, seed: int) -> Path:
 @pytest.fixture
 def files(tmp_path: Path) -> tuple[Path, Path, Path]:
     """The shipped drive, the drive with 5 % more, and a log of one that is truly 5 % faster."""
-    nominal = load_config("drive_alone", MACHINE).model
+    nominal = load_config("drive_alone", MACHINE_KIND).model
     old, new = tmp_path / "old.yaml", tmp_path / "new.yaml"
-    save_config(old, nominal, MACHINE)
-    save_config(new, add_effect(nominal, "shaft.gain", 5.0), MACHINE)
+    save_config(old, nominal, MACHINE_KIND)
+    save_config(new, add_effect(nominal, "shaft.gain", 5.0), MACHINE_KIND)
     return old, new, log_of(tmp_path / "run.csv", 1.05, 1)
 
 
@@ -67,8 +67,8 @@ def test_what_a_machine_does_not_have_is_not_missed(files: tuple[Path, Path, Pat
     for path in (old, new):
         save_config(
             path,
-            load_config(str(path), MACHINE).model.model_copy(update={"stages": ("shaft",)}),
-            MACHINE,
+            load_config(str(path), MACHINE_KIND).model.model_copy(update={"stages": ("shaft",)}),
+            MACHINE_KIND,
         )
     done = topdress("compare", old, new, log)
     assert done.exit_code == 0 and "cannot be diagnosed" not in done.stderr, done.stderr
@@ -88,9 +88,9 @@ def test_in_words_and_as_a_page(files: tuple[Path, Path, Path], tmp_path: Path) 
 
 def test_a_log_that_the_file_was_made_from_is_said(files: tuple[Path, Path, Path]) -> None:
     old, new, log = files
-    machine = load_config(str(new), MACHINE).model
+    machine = load_config(str(new), MACHINE_KIND).model
     adopted = Adopted(id="shaft.gain", size=5.0, sha256=calc_sha256(log))
-    save_config(new, machine.model_copy(update={"adopted": (adopted,)}), MACHINE)
+    save_config(new, machine.model_copy(update={"adopted": (adopted,)}), MACHINE_KIND)
     done = topdress("compare", old, new, log)
     assert done.exit_code == 0 and "fitted to this very log" in done.output
 

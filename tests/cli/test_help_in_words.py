@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from topdress.console.cli import EXAMPLES, app, describe_ranges, make_asked_app, plain_output
-from topdress.console.cli.plain_errors import OUR_FAULT, guard_command
+from topdress.console.cli import EXAMPLES, app, describe_ranges, make_requested_app, plain_output
+from topdress.console.cli.plain_errors import EXIT_OUR_FAULT, guard_command
 from typer.testing import CliRunner
 
 from tests.command import topdress
@@ -94,7 +94,7 @@ def test_a_fault_of_ours_is_one_line_with_the_place_of_its_trace(capsys, tmp_pat
 
     with pytest.raises(typer.Exit) as ended:
         guard_command(broken)()
-    assert ended.value.exit_code == OUR_FAULT
+    assert ended.value.exit_code == EXIT_OUR_FAULT
     [line] = capsys.readouterr().err.splitlines()
     [kept] = tmp_path.iterdir()
     assert line.startswith("a fault of topdress: KeyError: 'speed'") and str(kept) in line
@@ -178,16 +178,16 @@ def test_one_command_alone_says_what_the_whole_says(words):
     env = {"COLUMNS": "120"}
     alone, whole = (
         CliRunner().invoke(one, words, env=env, prog_name="topdress")
-        for one in (make_asked_app(words, {}), app)
+        for one in (make_requested_app(words, {}), app)
     )
     assert (alone.exit_code, alone.output) == (whole.exit_code, whole.output)
 
 
 def test_only_the_command_that_is_asked_for_is_made_ready():
-    assert [one.name for one in make_asked_app(["run", "--hz", "20"], {}).registered_commands] == [
-        "run"
-    ]
-    assert [one.name for one in make_asked_app([], {}).registered_commands] == ["run"], (
+    assert [
+        one.name for one in make_requested_app(["run", "--hz", "20"], {}).registered_commands
+    ] == ["run"]
+    assert [one.name for one in make_requested_app([], {}).registered_commands] == ["run"], (
         "without a command: the console"
     )
     for words, environment in (
@@ -196,7 +196,7 @@ def test_only_the_command_that_is_asked_for_is_made_ready():
         (["calibrate"], {}),
         ([], {"_TOPDRESS_COMPLETE": "x"}),
     ):
-        assert make_asked_app(words, environment) is app
+        assert make_requested_app(words, environment) is app
 
 
 # --- Every table of the papers goes through diagnose and calibrate: an answer or one plain line

@@ -21,7 +21,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_r
 from topdress.drivers.files import extras
 from topdress.drivers.files.config import find_shipped_files, load_config
 from topdress.drivers.files.file_sniffer import sniff_file_kind
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.command import topdress
 
@@ -249,7 +249,7 @@ def test_a_spreader_meters_and_places_what_is_wanted() -> None:
 
 @pytest.mark.exam
 def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
-    drive = load_config("drive_alone", MACHINE).model
+    drive = load_config("drive_alone", MACHINE_KIND).model
     rng, time = np.random.default_rng(4), np.arange(0.0, 240.0, 0.05)
     asked = np.round(rng.uniform(0.0, 600.0, 200)[(time / 1.5).astype(int)], 1)
     inputs = make_input_rows(ShaftInput, len(time), command_rpm=asked, opening_mm=0.0, supply_v=7.4)

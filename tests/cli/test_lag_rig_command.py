@@ -63,7 +63,7 @@ def test_what_is_missing_is_said_and_writes_nothing(
     words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (at_the_bench, drop_by_hand):
-        monkeypatch.setattr(module, "HEARD_WITHIN_S", 0.5)
+        monkeypatch.setattr(module, "DEVICE_TIMEOUT_S", 0.5)
     table = tmp_path / "lag.csv"
     result = topdress("calibrate", "lag", *words, "--out", table)
     assert result.exit_code == 2 and said in result.output and not table.exists()

@@ -13,7 +13,7 @@ from topdress.control.calibration.first_machine import round_up, suggest_machine
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_filled_log
 
 from tests.command import topdress
@@ -42,7 +42,7 @@ def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
     assert "4 questions" in done.output
     lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
     assert len(lines) <= 7 and "stages: [shaft]" in lines
-    made = load_config(str(out), MACHINE).model
+    made = load_config(str(out), MACHINE_KIND).model
     assert (made.id, made.limits.shaft_high_rpm, made.shaft.one_way) == ("pump", 1250.0, 0.0)
     assert made.noise.shaft_rpm == pytest.approx(4.0, rel=0.15)
     assert made.shaft.dead_time_s + made.shaft.time_constant_s == pytest.approx(0.15, abs=0.02)
@@ -74,7 +74,7 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
     words = ["machine", "--from", str(log), "--out", str(out), "--kind", "pump"]
     done = topdress(*words, input="1500\n\n\n\n\n")
     assert done.exit_code == 0 and "5 questions" in done.output, done.output
-    made = load_config(str(out), MACHINE).model
+    made = load_config(str(out), MACHINE_KIND).model
     assert (
         made.has_stage("effort")
         and made.effort_unit == "%"
@@ -90,19 +90,19 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
         "effort",
     )
     assert topdress(*words, "--yes", "--force").exit_code == 0
-    assert not load_config(str(out), MACHINE).model.has_stage("effort")
+    assert not load_config(str(out), MACHINE_KIND).model.has_stage("effort")
 
 
 def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     log, out = log_of(tmp_path / "fan-log.csv", one_way=True, steps=30), tmp_path / "fan.yaml"
     done = topdress("machine", "--from", log, "--out", out, "--kind", "fan", "--yes")
     assert done.exit_code == 0, done.output
-    made = load_config(str(out), MACHINE).model
+    made = load_config(str(out), MACHINE_KIND).model
     assert made.shaft.one_way == 0.0, (
         "a log that goes one way does not say that the drive cannot go back"
     )
     topdress("machine", "--from", log, "--out", out, "--yes", "--one-way", "--force")
-    assert load_config(str(out), MACHINE).model.shaft.one_way == 1.0
+    assert load_config(str(out), MACHINE_KIND).model.shaft.one_way == 1.0
     found = diagnose_run(dict(read_filled_log(log).columns), made)
     assert found.data.stages == ("shaft",) and [one.channel for one in found.channels] == ["shaft"]
     assert not [one for one in found.findings if "is left out: column" in one]
@@ -135,11 +135,11 @@ def test_a_time_constant_that_the_log_does_not_show_is_asked_for(tmp_path: Path)
     words = ["machine", "--from", str(log), "--out", str(out), "--running"]
     asked = topdress(*words, input="\n\n\n0.3\n")
     assert asked.exit_code == 0 and "this log does not show it" in asked.output
-    assert load_config(str(out), MACHINE).model.shaft.time_constant_s == 0.3
+    assert load_config(str(out), MACHINE_KIND).model.shaft.time_constant_s == 0.3
     for more, tau_s in (([], 0.05), (["--time-constant", "2"], 2.0)):
         said = topdress(*words, "--yes", "--force", *more).output
         assert f"time constant {tau_s:g} s as answered: the log does not show it" in said
-        assert load_config(str(out), MACHINE).model.shaft.time_constant_s == tau_s
+        assert load_config(str(out), MACHINE_KIND).model.shaft.time_constant_s == tau_s
 
 
 def test_a_heater_has_a_time_constant_of_minutes(tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_a_heater_has_a_time_constant_of_minutes(tmp_path: Path) -> None:
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
     done = topdress("machine", "--from", log, "--out", out, "--yes", "--running")
     assert "as the log shows them" in done.output
-    made = load_config(str(out), MACHINE).model
+    made = load_config(str(out), MACHINE_KIND).model
     assert made.shaft.time_constant_s == pytest.approx(150.0, rel=0.1)
     assert made.shaft.dead_time_s == pytest.approx(15.0, abs=4.0)
     assert made.tolerance.time_constant_s == pytest.approx(
@@ -191,7 +191,7 @@ def test_where_it_stands_is_measured(
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
     done = topdress("machine", "--from", log, "--out", out, "--yes")
     assert ("stands at a command of" in done.output) == (neutral_rpm != 0.0), done.output
-    shaft = load_config(str(out), MACHINE).model.shaft
+    shaft = load_config(str(out), MACHINE_KIND).model.shaft
     assert shaft.neutral_rpm == pytest.approx(neutral_rpm, abs=1.5)
     assert (shaft.gain_percent, shaft.zero_stops) == (gain_percent, zero_stops)
 

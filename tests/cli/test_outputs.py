@@ -18,7 +18,7 @@ from topdress.console.cli import app
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.drivers.files.config import find_shipped_files, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.write import write_prescription
 from typer.models import OptionInfo
@@ -495,7 +495,7 @@ def test_json_stands_alone_on_standard_output(
     save_config(
         Path("new.yaml"),
         append_history(Machine(), after, data="run.csv", date="2026-07-09"),
-        MACHINE,
+        MACHINE_KIND,
     )
     Path("lag.csv").write_text(
         "shaft_rpm,lag_s\n"

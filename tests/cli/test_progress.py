@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from topdress.console.cli.plain_output import LINE_START, RED, PlainOutput
+from topdress.console.cli.plain_output import LINE_START, RED_CODE, PlainOutput
 from topdress.console.cli.progress import iterate_with_progress
 
 
@@ -45,7 +45,7 @@ def test_the_line_rewrites_itself_and_stays_one_row(terminal: Callable[[], Termi
     raw = terminal()
     steps(20)
     said = raw.getvalue().decode()
-    assert "\n" not in said and RED not in said
+    assert "\n" not in said and RED_CODE not in said
     pieces = said.split(LINE_START)
     assert pieces[0] == "" and pieces[-1] == "" and len(pieces) == 23
     assert all(len(piece) < 40 for piece in pieces), "a row that is too long would stay behind"
@@ -72,7 +72,7 @@ def test_a_complaint_takes_the_place_of_the_line(terminal: Callable[[], Terminal
                 raise ValueError
     print("run.csv: no such file", file=sys.stderr)
     said = raw.getvalue().decode()
-    assert said.endswith(f"{RED}run.csv: no such file\x1b[0m\n")
+    assert said.endswith(f"{RED_CODE}run.csv: no such file\x1b[0m\n")
     last = said.rpartition("(Ctrl-C cancels)")[2]
     assert last.startswith(LINE_START), "the words do not stand behind what was there"
 
@@ -95,7 +95,7 @@ def test_a_real_command_on_a_real_terminal(
     folder = tmp_path_factory.getbasetemp() / "progress"
     folder.mkdir(exist_ok=True)
     said = on_a_terminal(command.format(folder).split())
-    assert LINE_START in said and "Ctrl-C cancels" in said and RED not in said
+    assert LINE_START in said and "Ctrl-C cancels" in said and RED_CODE not in said
     assert not re.search(r"Ctrl-C cancels\)[^\r]*\n", said), "no line of progress ends in a new one"
 
 

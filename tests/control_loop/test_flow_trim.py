@@ -359,9 +359,9 @@ def test_what_lands_as_needed_has_no_error_against_the_need(simulated: Any) -> N
 def test_needs_are_the_crops_rule() -> None:
     from topdress.control.agronomy.noa import prepare_rule
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
 
-    rule = prepare_rule(load_config("huanghai_wheat", CROP).model)
+    rule = prepare_rule(load_config("huanghai_wheat", CROP_KIND).model)
     found = find_crop_needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))
     assert found.graded_kg_ha[1] == rule.decide_rate(0.512).rate_kg_ha
     assert found.smooth_kg_ha[1] > found.graded_kg_ha[1], (

@@ -137,9 +137,9 @@ def test_the_first_stretch_begins_where_it_is_within_reach(
 def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:
     from topdress.control.agronomy.noa import prepare_rule
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
 
-    rule = prepare_rule(load_config("huanghai_wheat", CROP).model)
+    rule = prepare_rule(load_config("huanghai_wheat", CROP_KIND).model)
     stretches = DecidedStretches(300.0)
     canopy = CanopyDecisions(rule, 6.5, 1.0, stretches)
     for k in range(21):

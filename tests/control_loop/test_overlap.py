@@ -24,7 +24,7 @@ from topdress.control.simulation.tractor import PathLeg
 from topdress.control.simulation.tractor import TractorPath as Way
 from topdress.control.targets.overlap import DoneGroundAhead, merge_short_runs
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.kinds import CROP_KIND
 from topdress.drivers.files.setup import Setup, load_setup
 
 from tests.control_loop.closed import Closed
@@ -200,7 +200,7 @@ def test_start_lifts_ground_of_this_run_only() -> None:
 
 @pytest.fixture
 def field_crop():
-    crop = load_config("osu_winter_wheat_2007", CROP).model
+    crop = load_config("osu_winter_wheat_2007", CROP_KIND).model
     return crop.model_copy(update={"ndvi_nrich": None, "ndvi_check": None})
 
 

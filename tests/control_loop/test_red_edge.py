@@ -16,7 +16,7 @@ from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 from topdress.control.simulation.canopy import convert_to_ndre
 from topdress.drivers.cab_config import HeadsConfig
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import CROP, JOB
+from topdress.drivers.files.kinds import CROP_KIND, JOB_KIND
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
@@ -108,11 +108,11 @@ def test_a_strip_is_measured_in_the_index_that_there_is():
 
 @pytest.fixture
 def files(tmp_path):
-    save_config(tmp_path / "crop.yaml", dense(SETUP.crop), CROP)
+    save_config(tmp_path / "crop.yaml", dense(SETUP.crop), CROP_KIND)
     save_config(
         tmp_path / "job.yaml",
-        load_config("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}),
-        JOB,
+        load_config("demo", JOB_KIND).model.model_copy(update={"crop": "crop.yaml"}),
+        JOB_KIND,
     )
     cab = "format: topdress-cab/1\nheads:\n  protocol: {protocol}\n  ports: [COM1]\n{more}"
     (tmp_path / "greenseeker.yaml").write_text(cab.format(protocol="greenseeker", more=""))

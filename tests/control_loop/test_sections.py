@@ -36,7 +36,7 @@ from topdress.control.targets.section_ground import (
 )
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.setup import Setup, load_setup
 
 HALF_FIELD = Boundary([(0.0, 0.0), (0.0, 200.0), (10.0, 200.0), (10.0, 0.0)])
@@ -98,7 +98,7 @@ def test_a_bad_block_gets_one_line(tmp_path: Path, changes: str, said: str) -> N
     path = tmp_path / "m.yaml"
     path.write_text(f"format: topdress-machine/1\nid: m\n{changes}\n", encoding="utf-8")
     with pytest.raises(ConfigError) as error:
-        load_config(path, MACHINE)
+        load_config(path, MACHINE_KIND)
     assert len(str(error.value).splitlines()) == 1 and said in str(error.value)
 
 

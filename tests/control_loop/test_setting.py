@@ -12,7 +12,7 @@ from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.orders import Strategy
 from topdress.control.readings import DriveCommand
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 C = Conditions()
 RPM, OPENING_MM = 50.0, 20.0
@@ -21,7 +21,7 @@ RPM, OPENING_MM = 50.0, 20.0
 @pytest.fixture
 def machine() -> Machine:
     """A drive that takes any set-point, so that a move is seen as it is."""
-    given = load_config("huanghai", MACHINE).model
+    given = load_config("huanghai", MACHINE_KIND).model
     return given.model_copy(
         update={
             "limits": given.limits.model_copy(

@@ -26,13 +26,13 @@ from topdress.control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
 Rng = np.random.Generator
 STEP_S = 0.1
-HUANGHAI: Machine = load_config("huanghai", MACHINE).model
+HUANGHAI: Machine = load_config("huanghai", MACHINE_KIND).model
 
 
 # --- Machines

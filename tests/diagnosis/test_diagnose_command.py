@@ -18,7 +18,7 @@ from topdress.control.diagnosis.tables import diagnose_tables
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from typer.testing import CliRunner
 
 
@@ -104,7 +104,7 @@ def test_what_is_picked_by_its_name_is_adopted(tmp_path: Path) -> None:
     assert asked.exit_code == 0 and told["extended_machine"] == str(out), asked.output
     assert f"note: {own} is adopted as picked, though this data cannot tell it from" in asked.stderr
     assert f"topdress history {out} --undo --out FILE takes it back" in asked.stderr
-    assert [one.id for one in load_config(out, MACHINE).model.adopted] == [own]
+    assert [one.id for one in load_config(out, MACHINE_KIND).model.adopted] == [own]
     assert out.read_text().startswith(
         f"# {own}: picked by name (diagnose --pick), though this data cannot tell it"
     )
@@ -182,7 +182,7 @@ def test_what_is_only_suspected_or_grew_is_not_adopted(
     assert "shaft.gain is not adopted: it may be something else" in said
     assert "lag.rebound is not adopted: grew during the run" in said
     assert f"{tmp_path / 'new.yaml'}, before -> after" in said and "lag.offset: 0 -> " in said
-    assert [one.id for one in load_config(tmp_path / "new.yaml", MACHINE).model.adopted] == [
+    assert [one.id for one in load_config(tmp_path / "new.yaml", MACHINE_KIND).model.adopted] == [
         "lag.offset"
     ]
 

@@ -28,7 +28,7 @@ from topdress.control.diagnosis.runs.search import Search
 from topdress.control.machine.machine import Limits
 from topdress.control.machine.shaft import calc_time_constant_s
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.plain import build_from_plain
 
 from tests.diagnosis.logs import DRIVE, Columns, staircase, steps
@@ -150,7 +150,7 @@ def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(
     except typer.Exit:
         # nothing is written: the machine file stays as it is
         return
-    new = load_config(str(out), MACHINE).model
+    new = load_config(str(out), MACHINE_KIND).model
     for seed in (1, 2):
         assert error_on(staircase(seed), new) < error_on(staircase(seed), DRIVE)
 
@@ -183,7 +183,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
         "time_s,shaft_rpm_cmd,shaft_rpm\n"
         + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows)
     )
-    save_config(machine, DRIVE, MACHINE)
+    save_config(machine, DRIVE, MACHINE_KIND)
     carry_out_order(
         DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None
     )
@@ -191,7 +191,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
     offer = find_offer(found, list_decided_ids(found))
     assert offer is not None and offer.changes
-    new = load_config(str(tmp_path / offer.file), MACHINE).model
+    new = load_config(str(tmp_path / offer.file), MACHINE_KIND).model
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)
     assert "shaft as a whole: Shaft" in find_adopted_title(found, found.adoptable[0])
     assert "as a whole" in " ".join(shown.make_channels_view(found).gains)

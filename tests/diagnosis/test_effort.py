@@ -19,7 +19,7 @@ from topdress.control.diagnosis.runs.effort_reference import fit_effort
 from topdress.control.machine.flow import is_bridged
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_log
 
 from tests.diagnosis.known_causes import EXPECTED, Expected
@@ -160,7 +160,7 @@ def test_what_a_loop_hides_is_named_in_closed_loop(
     columns = simulated(topdress, tmp_path_factory.getbasetemp(), effect)
     if not scale:
         columns = {name: values for name, values in columns.items() if name != "hopper_kg"}
-    found = diagnose_run(columns, load_config("huanghai", MACHINE).model)
+    found = diagnose_run(columns, load_config("huanghai", MACHINE_KIND).model)
     (cause,) = found.causes
     names = {cause.id: cause.probability} | {one.id: one.probability for one in cause.rivals}
     # its slots come at fixed irregular times: their share while the shaft turns
@@ -198,7 +198,7 @@ def test_a_drive_that_is_read_with_noise_and_held_steady_leaves_no_effort_that_f
         "supply_v": np.full(count, 13.5),
     }
     columns["shaft_effort"] = 8.0 + 0.6 * 60.0 + 0.06 * 137.5 + rng.standard_normal(count)
-    machine = load_config("huanghai", MACHINE).model.model_copy(update={"stages": ("effort",)})
+    machine = load_config("huanghai", MACHINE_KIND).model.model_copy(update={"stages": ("effort",)})
     assert diagnose_run(columns, machine).verdict == "none"
 
 
@@ -216,7 +216,7 @@ def test_calibrate_effort_finds_what_the_drive_is_made_of(
     )
     result = topdress("calibrate", "effort", run, "--out", new)
     assert result.exit_code == 0, result.output
-    made = load_config(str(new), MACHINE).model
+    made = load_config(str(new), MACHINE_KIND).model
     # 100 % / 13.5 V of the generator's circuit: its e.m.f. and oil for each r/min, its dry
     # torque, its material's.
     assert made.effort.viscous == pytest.approx(0.604, rel=0.03)

@@ -17,13 +17,13 @@ from topdress.control.diagnosis.runs.quantised import find_reading_step
 from topdress.control.machine.machine import Machine, Noise, Tolerance
 from topdress.control.recordings.values import blank_outliers
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import DRIVE, Columns, Rng, drive, followed, lagged, settled
 from tests.diagnosis.planted import Between, error_on, found_as_planted, planted
 
 approx = pytest.approx
-ALONE: Machine = load_config("drive_alone", MACHINE).model
+ALONE: Machine = load_config("drive_alone", MACHINE_KIND).model
 
 
 def sheet(tau_s: float, noise_rpm: float = 10.0) -> Machine:

@@ -22,7 +22,7 @@ from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import (
     HUANGHAI,
@@ -509,7 +509,7 @@ LASTS_S = {"planter": 600.0, "spreader": 900.0}  # on one hopper
 
 
 def of(name: str) -> Machine:
-    return load_config(name, MACHINE).model
+    return load_config(name, MACHINE_KIND).model
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])

@@ -34,7 +34,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.control.machine.term_sums import sum_over_log
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 Array = npt.NDArray[np.float64]
 ROWS_OF_LOG, STEP_S = 3000, 0.1
@@ -69,8 +69,8 @@ def log() -> dict[str, Array]:
 
 
 def written(machine: Machine, found: Diagnosis, place: Path) -> Machine:
-    save_config(place / "file.yaml", extend(machine, found), MACHINE)
-    read: Machine = load_config(str(place / "file.yaml"), MACHINE).model
+    save_config(place / "file.yaml", extend(machine, found), MACHINE_KIND)
+    read: Machine = load_config(str(place / "file.yaml"), MACHINE_KIND).model
     return read
 
 

@@ -25,7 +25,7 @@ from topdress.control.diagnosis.runs.selection import Alternatives, RivalEffect
 from topdress.control.diagnosis.runs.smooth import MIN_RANGE
 from topdress.control.machine.machine import CATALOGUE, Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 import topdress
 from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work, taken
@@ -68,7 +68,7 @@ def test_the_package_gives_what_a_notebook_needs() -> None:
 
 def test_a_machine_file_is_saved_and_read_again(tmp_path: Path) -> None:
     topdress.save(tmp_path / "fan.yaml", Machine(id="fan"), "of a test")
-    assert load_config(tmp_path / "fan.yaml", MACHINE).model.id == "fan"
+    assert load_config(tmp_path / "fan.yaml", MACHINE_KIND).model.id == "fan"
 
 
 def test_the_package_says_that_it_has_types() -> None:

@@ -21,7 +21,7 @@ from topdress.control.diagnosis.runs.diagnose import diagnose_run, judge_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import list_effect_sizes
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import DRIVE, Columns
 
@@ -109,8 +109,8 @@ def test_it_is_named_with_its_size_said_and_the_file_with_it_predicts_another_re
     else:
         assert "does not overshoot: two time constants" in said
     path = tmp_path / "adopted.yaml"
-    save_config(path, extend(DRIVE, found), MACHINE)
-    adopted = load_config(str(path), MACHINE).model
+    save_config(path, extend(DRIVE, found), MACHINE_KIND)
+    adopted = load_config(str(path), MACHINE_KIND).model
     assert set(list_effect_sizes(adopted)) == {"shaft.slow", "shaft.second_order"}
     asked = compared(log_of(2, response), DRIVE, adopted).channels[0]
     assert asked.new < 1.05 * NOISE_RPM < 0.2 * asked.old

@@ -13,7 +13,7 @@ from topdress.control.diagnosis.runs.several import JointDiagnosis, diagnose_run
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from typer.testing import CliRunner
 
 from tests.diagnosis.logs import Columns, drive, followed, planted_in, speeds, taken
@@ -90,7 +90,9 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert done.stdout.count("speed.wheel_radius: ") == 1
     own = done.stdout[done.stdout.index("each log by itself, beyond what they share:") :]
     assert own.count("nothing beyond noise") == 2 and all(path in own for path in paths)
-    assert load_config(str(new), MACHINE).model.speed.radius_percent == pytest.approx(3.0, abs=0.5)
+    assert load_config(str(new), MACHINE_KIND).model.speed.radius_percent == pytest.approx(
+        3.0, abs=0.5
+    )
     assert [one["verdict"] for one in json.loads(found.read_text())["logs"]] == ["none", "none"]
     twice = CliRunner().invoke(app, ["diagnose", paths[0], paths[0]])
     assert twice.exit_code == 2 and "named twice" in twice.output

@@ -14,7 +14,7 @@ from topdress.control.diagnosis.runs.log import clean_run_log
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 # of the delay: from gentle driving it is known to some 10 %
 SHARE = 0.2
@@ -39,7 +39,7 @@ WANDERS = {"slow_sd": 0.1, "slow_s": 3.0}
 def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
     hidden: SimpleNamespace, programme: str, wheel: dict[str, float], late_s: float
 ) -> None:
-    machine = load_config("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE_KIND).model
     driven = next(one for one in hidden.programmes.PROGRAMMES if one.name == programme)
     plant = hidden.plant.Plant(hidden.programmes.drive(driven._replace(minutes=(15.0, 16.0)), 5))
     noises = hidden.noise.noises("ar1", plant.drive.row_s, np.random.default_rng(3))

@@ -19,7 +19,7 @@ from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 FIRST, SECOND = "grid_long", "scatter_long"  # both move shaft and gate over their ranges
 MINUTES = (14.0, 15.0)
@@ -51,7 +51,7 @@ def answers(hidden: SimpleNamespace) -> Iterator[dict[str, Answer]]:
 
 
 def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
-    machine = load_config("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE_KIND).model
     first, second = (
         _log(hidden, name, programme, seed, k) for k, programme in enumerate((FIRST, SECOND))
     )

@@ -25,7 +25,7 @@ from topdress.drivers.files.config import (
     load_config,
     make_json_schema,
 )
-from topdress.drivers.files.kinds import CAB, KINDS
+from topdress.drivers.files.kinds import CAB_KIND, CONFIG_KINDS
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.machine import make_virtual_cab
@@ -35,7 +35,7 @@ from tests.command import topdress
 
 def test_three_cabs_are_shipped():
     assert set(find_shipped_files("cabs")) == {"virtual", "virtual_module", "huanghai_cab"}
-    real = load_config("huanghai_cab", CAB).model
+    real = load_config("huanghai_cab", CAB_KIND).model
     assert isinstance(real, CabConfig) and real.heads is not None and real.heads.count == 6
     assert (
         real.gnss is not None
@@ -43,11 +43,11 @@ def test_three_cabs_are_shipped():
         and real.has_work_switch
         and not real.virtual
     )
-    assert load_config("virtual", CAB).model.virtual
+    assert load_config("virtual", CAB_KIND).model.virtual
 
 
 def test_the_schema_is_published_for_editors():
-    body = make_json_schema(CAB)
+    body = make_json_schema(CAB_KIND)
     assert {"gnss", "heads", "board", "rate_module", "lag_rig"} <= set(body["properties"])
 
 
@@ -72,7 +72,7 @@ def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
     path = tmp_path / "cab.yaml"
     path.write_text(f"format: topdress-cab/1\n{text}\n")
     with pytest.raises(ConfigError, match=said) as error:
-        load_any_config(path, KINDS)
+        load_any_config(path, CONFIG_KINDS)
     assert str(error.value).startswith(str(path)) and "(line " in str(error.value)
 
 
@@ -162,14 +162,14 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
     from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.options import Options
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE_KIND
 
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
     cab.write_text(
         "format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', "
         "wheel_circumference_m: 2.45}\n"
     )
-    nominal = load_config("huanghai", MACHINE).model
+    nominal = load_config("huanghai", MACHINE_KIND).model
     said = "key board.wheel_circumference_m: value 2.45: allowed 2.5, as"
     for circumference, wrong in ((2.5, True), (2.45, False)):
         machine.unlink(missing_ok=True)
@@ -178,7 +178,7 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
             nominal.model_copy(
                 update={"speed": nominal.speed._replace(wheel_circumference_m=circumference)}
             ),
-            MACHINE,
+            MACHINE_KIND,
         )
         result = topdress("check", cab, machine)
         assert (result.exit_code == 2) == wrong and (said in result.output) == wrong

@@ -13,7 +13,7 @@ import pytest
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, build_as_applied
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
@@ -40,7 +40,7 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
     from topdress.console.reports.job_page import calc_effort_rise, make_job_page
 
-    machine = load_config("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE_KIND).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
     with (
         known_log.path.open(encoding="utf-8", newline="") as text,
@@ -224,14 +224,14 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None
     """What a reader measures on the picture: when work, refills and alarms were, and for how
     long."""
     from topdress.console.reports.job_about import (
-        MOST_ALARM_KINDS,
+        MAX_ALARM_KINDS,
         AlarmSpan,
         JobEvents,
         JobMetadata,
         draw_time_line,
     )
 
-    alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARM_KINDS + 2)]
+    alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MAX_ALARM_KINDS + 2)]
     alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))
     about = JobMetadata(
         happened=JobEvents(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), "")
@@ -244,13 +244,13 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None
         word for _, _, word in words if not word.isdigit() and word not in ("250 kg", "time, min")
     ]
     down = {word: float(y) for _, y, word in words}
-    assert names[:4] == ["at work", "refills", "shaft silent", f"alarm {MOST_ALARM_KINDS + 1}"]
-    assert len(names) == 2 + MOST_ALARM_KINDS
+    assert names[:4] == ["at work", "refills", "shaft silent", f"alarm {MAX_ALARM_KINDS + 1}"]
+    assert len(names) == 2 + MAX_ALARM_KINDS
     assert [down[name] for name in names] == sorted(down[name] for name in names)
     scale = (at_min["40"] - at_min["10"]) / 30.0
     ends = re.findall(r"M([\d.]+) [\d.]+H([\d.]+)V", picture.svg)
     spans = [tuple(10.0 + (float(end) - at_min["10"]) / scale for end in span) for span in ends]
     assert spans[0] == pytest.approx((1.0, 50.0), abs=0.1)
     assert spans[1] == pytest.approx((20.0, 40.0), abs=0.1)
-    assert spans[2] == pytest.approx((10.0, 12.0 + MOST_ALARM_KINDS), abs=0.1)
+    assert spans[2] == pytest.approx((10.0, 12.0 + MAX_ALARM_KINDS), abs=0.1)
     assert "250 kg" in picture.svg

@@ -21,12 +21,12 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.canopy import CANOPY_CELL_M, MAX_CANOPY_CELLS, CanopyField
 from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.config import ConfigError, validate_config
-from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
+from topdress.drivers.files.kinds import CAB_KIND, CROP_KIND, JOB_KIND, MACHINE_KIND, PRODUCT_KIND
 from topdress.drivers.files.setup import load_setup
 
 from tests.command import topdress
 
-KINDS = {kind.format: kind for kind in (MACHINE, JOB, CROP, CAB, PRODUCT)}
+KINDS = {kind.format: kind for kind in (MACHINE_KIND, JOB_KIND, CROP_KIND, CAB_KIND, PRODUCT_KIND)}
 ENDS = (("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum"))
 
 
@@ -102,7 +102,7 @@ def test_the_simulated_canopy_has_a_most(east_m, north_m):
 def test_plants_beyond_what_a_list_may_hold_are_refused():
     sim = {"passes": 1000, "pass_length_m": 20_000.0, "plants": {"spacing_m": 0.02}}
     with pytest.raises(ConfigError) as refused:
-        validate_config({"format": "topdress-job/1", "simulated": sim}, JOB, "job.yaml")
+        validate_config({"format": "topdress-job/1", "simulated": sim}, JOB_KIND, "job.yaml")
     assert "more than 1000000 plants" in str(refused.value) and "\n" not in str(refused.value)
 
 

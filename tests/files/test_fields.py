@@ -32,7 +32,7 @@ from topdress.drivers.files.fields.field_data import (
 )
 from topdress.drivers.files.fields.shapes import read_field_shapes, write_field_shapes
 from topdress.drivers.files.fields.worked_area import read_worked_area
-from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.read_log import read_log
 
 from tests.geojson import feature, geojson
@@ -113,7 +113,7 @@ def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Pat
         tmp_path / "job.yaml",
     )
     assert done.exit_code == 0 and "1 obstacles taken out" in done.output, done.output
-    job = load_config(tmp_path / "job.yaml", JOB).model
+    job = load_config(tmp_path / "job.yaml", JOB_KIND).model
     assert isinstance(job, Job) and len(job.field.holes_m) == 1 and len(job.field.lines) == 2
     boundary = job.field.make_boundary()
     assert boundary is not None
@@ -177,7 +177,7 @@ def test_an_outline_that_crosses_itself_says_where_and_offers_its_largest_part(
     assert "--largest takes its largest part, " in refused.output
     taken = topdress("field", tmp_path / "Long acre", "--largest", "--out", tmp_path / "job.yaml")
     assert taken.exit_code == 0, taken.output
-    field = load_config(tmp_path / "job.yaml", JOB).model.field
+    field = load_config(tmp_path / "job.yaml", JOB_KIND).model.field
     expected = max(shapely.get_parts(shapely.make_valid(shapely.Polygon(knot))), key=shapely.area)
     assert field.title == "Long acre", "by its folder: AgOpenGPS writes FieldNew in each"
     assert len(field.boundary_m) == len(expected.exterior.coords) - 1
@@ -467,7 +467,7 @@ def test_the_job_does_not_spread_there(tmp_path: Path, topdress: Callable[..., R
     folder = aog_field(tmp_path / "north", [strip((0.0, 20.0), 0.0, 30.0, 8.0)])
     made = topdress("field", folder, "--done", "--out", tmp_path / "job.yaml")
     assert made.exit_code == 0 and "written" in made.output, made.output
-    job = load_config(tmp_path / "job.yaml", JOB).model
+    job = load_config(tmp_path / "job.yaml", JOB_KIND).model
     assert job.field.done == str(folder.resolve())
     assert topdress("check", tmp_path / "job.yaml").exit_code == 0
     ran = topdress(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import (
     ConfigError,
-    Kind,
+    ConfigKind,
     calc_sha256,
     find_shipped_files,
     load_any_config,
@@ -23,8 +23,8 @@ from topdress.drivers.files.config import (
     save_config,
     validate_config,
 )
-from topdress.drivers.files.kinds import KINDS as OURS
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import CONFIG_KINDS as OURS
+from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.yaml_text import YamlError, dump_yaml, parse_yaml
 
 Written = Callable[..., Path]
@@ -74,8 +74,8 @@ class Bare(Strict):
     size_m: float = 1.0
 
 
-THING = Kind("test-thing/1", "things", Thing)
-BARE = Kind("test-bare/1", "bares", Bare)
+THING = ConfigKind("test-thing/1", "things", Thing)
+BARE = ConfigKind("test-bare/1", "bares", Bare)
 KINDS = {kind.format: kind for kind in (THING, BARE)}
 GOOD = "format: test-thing/1\nname: a\ninner:\n  width_m: 2.4\n"
 
@@ -218,7 +218,7 @@ def test_a_missing_file_and_an_unknown_name(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"huanghi_wheat: no configuration of this name.*did you mean huanghai_"
     ):
-        load_config("huanghi_wheat", Kind("x/1", "crops", Bare))
+        load_config("huanghi_wheat", ConfigKind("x/1", "crops", Bare))
 
 
 def test_any_kind_is_recognised_by_its_format(written: Written) -> None:
@@ -287,8 +287,8 @@ def test_every_shipped_configuration_is_valid_and_survives_a_round_trip(
 def test_an_extended_machine_survives_a_round_trip(tmp_path: Path) -> None:
     machine = Machine()
     changed = machine.model_copy(update={"shaft": machine.shaft._replace(slow_s=0.1 + 0.2)})
-    save_config(tmp_path / "m.yaml", changed, MACHINE)
-    assert load_config(tmp_path / "m.yaml", MACHINE).model == changed
+    save_config(tmp_path / "m.yaml", changed, MACHINE_KIND)
+    assert load_config(tmp_path / "m.yaml", MACHINE_KIND).model == changed
 
 
 @pytest.mark.parametrize("format", OURS)

@@ -289,7 +289,7 @@ HELD = {
 def test_what_a_file_holds_is_asked_in_one_place(written: Write, tmp_path: Path, case: str) -> None:
     name, text, holds, foreign = HELD[case]
     file = FileContent(written(text, name))
-    assert file.holds == holds
+    assert file.content_kind == holds
     if foreign is None:
         with pytest.raises(TableError, match="the file is empty"):
             assert file.foreign
@@ -300,12 +300,12 @@ def test_what_a_file_holds_is_asked_in_one_place(written: Write, tmp_path: Path,
 def test_stores_and_folders_are_asked_there_too(tmp_path: Path) -> None:
     write_log_store(tmp_path / "a.parquet", {"time_s": T}, None)
     assert (
-        FileContent(tmp_path / "a.parquet").holds == "log"
+        FileContent(tmp_path / "a.parquet").content_kind == "log"
         and not FileContent(tmp_path / "a.parquet").foreign
     )
-    assert FileContent(tmp_path).holds == "map" and FileContent(tmp_path).foreign
+    assert FileContent(tmp_path).content_kind == "map" and FileContent(tmp_path).foreign
     (tmp_path / "Field.txt").write_text("x")
-    assert FileContent(tmp_path).holds == "field"
+    assert FileContent(tmp_path).content_kind == "field"
 
 
 # --- Run logs as Parquet: read back equal, whole or refused in one line, and taken by every

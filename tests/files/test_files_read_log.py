@@ -17,7 +17,7 @@ from topdress.control.log_row import (
 from topdress.control.loop.events import EventQueue
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
-from topdress.drivers.files.log_text import HEADER, RowText
+from topdress.drivers.files.log_text import LOG_HEADER, RowText
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import RunMeta
@@ -117,7 +117,7 @@ def test_column_order_line_ends_and_extra_columns_do_not_matter(
     tmp_path: Path, rows: list[LogRow], random: Any, line_end: str, odd: bool
 ) -> None:
     text = RowText()
-    table = [HEADER.rstrip("\n").split(","), *(_fields(text.line(row)) for row in rows)]
+    table = [LOG_HEADER.rstrip("\n").split(","), *(_fields(text.line(row)) for row in rows)]
     table = [[*fields, "density_g_l" if k == 0 else f"{k}.5"] for k, fields in enumerate(table)]
     order = list(range(len(table[0])))
     random.shuffle(order)
@@ -239,7 +239,7 @@ def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
     line = RowText().line(full_row(0.0)).split(",", 1)[1]
     path = tmp_path / "large.csv"
     with path.open("w") as file:
-        file.write(HEADER)
+        file.write(LOG_HEADER)
         file.writelines(f"{k * 0.05:.3f},{line}" for k in range(60_000))
     read_log(path, only=["shaft_rpm"])  # loads the library
     started = time.process_time()
@@ -254,7 +254,10 @@ def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path)
     ]
     machine = {"sections": [{"outlets": 2, "valve": {"open_s": 0.2, "close_s": 0.2}}] * 3}
     path = write_whole_log(tmp_path / "run.csv", RunMeta(machine=machine), rows)
-    assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n") + ",sections_cmd"
+    assert (
+        path.read_text(encoding="utf-8").splitlines()[0]
+        == LOG_HEADER.rstrip("\n") + ",sections_cmd"
+    )
     log = read_log(path)
     assert [row.sections_cmd for row in log.rows()] == ["0;1;1", None, "0;0;0"]
     path.write_bytes(path.read_bytes()[:-3])  # the power goes in the last row
@@ -269,7 +272,7 @@ def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path)
         plain = write_whole_log(
             tmp_path / "plain.csv", RunMeta(machine=other), rows, overwrite=True
         )
-        assert plain.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n")
+        assert plain.read_text(encoding="utf-8").splitlines()[0] == LOG_HEADER.rstrip("\n")
 
 
 def with_long_row(tmp_path: Path, at: int, size: int, rows: int = 40, quoted: bool = False) -> Path:

@@ -15,7 +15,12 @@ from pydantic import BaseModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, VALID_FOR_S, LogRow
 from topdress.control.readings import Measurements, Reading
 from topdress.drivers.files.atomic import NewFile, create_new_file
-from topdress.drivers.files.log_text import HEADER, MAX_CUT_CELL, MAX_ROW_BYTES, RowText
+from topdress.drivers.files.log_text import (
+    LOG_HEADER,
+    MAX_CUT_CELL_CHARACTERS,
+    MAX_ROW_BYTES,
+    RowText,
+)
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.run_log import PlainLogWriter, RunLogWriter, write_whole_log
@@ -70,7 +75,7 @@ def test_a_row_is_one_line_in_the_published_order(full_row: MakeRow) -> None:
         "1",
         "mark corner;refill 120",
     )
-    assert HEADER.rstrip("\n").split(",") == list(COLUMNS)
+    assert LOG_HEADER.rstrip("\n").split(",") == list(COLUMNS)
 
 
 def test_commands_are_written_exactly() -> None:
@@ -325,7 +330,9 @@ def test_a_log_whose_folder_comes_back_is_written_on(
     told = rows_of(log)
     assert told == sorted(set(told)) and told[0] == "0.000" and told[-2:] == ["0.150", "0.200"]
     assert log.path == folder / "run.csv" and len(told) >= 5 - (lost_bytes > 0) - 1
-    assert all(line.count(",") == HEADER.count(",") for line in log.path.read_text().splitlines())
+    assert all(
+        line.count(",") == LOG_HEADER.count(",") for line in log.path.read_text().splitlines()
+    )
 
 
 @pytest.mark.parametrize("left", ["none", "header", "all but a row and a half"])
@@ -345,7 +352,8 @@ def test_a_log_that_is_cut_short_goes_on_in_a_new_one(
     text = log.path.read_bytes()
     row = len(text.splitlines(keepends=True)[-1])
     os.truncate(
-        log.path, {"none": 0, "header": len(HEADER.encode())}.get(left, len(text) - row * 3 // 2)
+        log.path,
+        {"none": 0, "header": len(LOG_HEADER.encode())}.get(left, len(text) - row * 3 // 2),
     )
     log.append(full_row(0.6))
     wait_for(lambda: log.cut_short is not None)
@@ -426,7 +434,7 @@ def test_no_row_is_longer_than_a_reader_takes(tmp_path: Path, letter: str) -> No
     assert max(map(len, path.read_bytes().split(b"\n"))) <= MAX_ROW_BYTES
     read = read_log(path)
     assert len(read) == 20 and read.columns["events"][8] == "mark 8"
-    assert read.columns["events"][7] == letter * (MAX_CUT_CELL - 3) + "..."
+    assert read.columns["events"][7] == letter * (MAX_CUT_CELL_CHARACTERS - 3) + "..."
 
 
 def test_a_row_of_many_bytes_that_fits_is_left_as_it_is() -> None:

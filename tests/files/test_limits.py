@@ -31,7 +31,13 @@ from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import ConfigError
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
+from topdress.drivers.files.limits import (
+    FILE_LIMITS,
+    BeyondLimits,
+    check_file,
+    check_text,
+    read_json,
+)
 from topdress.drivers.files.log_store import read_log_store
 from topdress.drivers.files.prescriptions.for_job import read_plant_places
 from topdress.drivers.files.prescriptions.read import read_prescription
@@ -77,7 +83,7 @@ def test_the_page_shows_the_table() -> None:
         for line in PAGE.read_text(encoding="utf-8").splitlines()
         if line.startswith("| ") and "up to" not in line
     ]
-    assert rows == [[one.what, limits._format_amount(one.most, one.unit)] for one in LIMITS]
+    assert rows == [[one.what, limits._format_amount(one.most, one.unit)] for one in FILE_LIMITS]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +147,7 @@ def test_a_file_that_is_named_many_times_is_read_once(tmp_path: Path) -> None:
 
 def test_side_files_are_held_to_their_limits(tmp_path: Path) -> None:
     (tmp_path / "map.shp").write_bytes(b"x")
-    (tmp_path / "map.prj").write_bytes(b" " * (limits.SIDE.most + 1))
+    (tmp_path / "map.prj").write_bytes(b" " * (limits.SIDE_FILE_LIMIT.most + 1))
     with pytest.raises(BeyondLimits, match=r"map\.prj"):
         check_file(tmp_path / "map.shp")
 

@@ -16,7 +16,7 @@ from topdress.control.field.job_names import JobNames
 from topdress.control.machine.product_calibration import apply_product
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import JOB, MACHINE, PRODUCT
+from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND, PRODUCT_KIND
 from topdress.drivers.files.setup import describe_product, load_setup
 
 from tests.command import topdress
@@ -25,7 +25,7 @@ TODAY = dt.date(2026, 3, 18)
 
 
 def prills(*tests: CatchTest) -> Product:
-    return load_config("urea_prilled", PRODUCT).model.model_copy(update={"catch_tests": tests})
+    return load_config("urea_prilled", PRODUCT_KIND).model.model_copy(update={"catch_tests": tests})
 
 
 def caught(grams: float, day: str, machine: str = "huanghai", **more: float) -> CatchTest:
@@ -44,10 +44,12 @@ def job(tmp_path) -> Path:
             caught(6.2, "2026-03-17"),
             caught(1.4, "2026-03-18", "spreader"),
         ),
-        PRODUCT,
+        PRODUCT_KIND,
     )
-    demo = load_config("demo", JOB).model
-    save_config(tmp_path / "job.yaml", demo.model_copy(update={"product_file": "mine.yaml"}), JOB)
+    demo = load_config("demo", JOB_KIND).model
+    save_config(
+        tmp_path / "job.yaml", demo.model_copy(update={"product_file": "mine.yaml"}), JOB_KIND
+    )
     return tmp_path / "job.yaml"
 
 
@@ -60,7 +62,7 @@ def test_the_newest_test_with_this_machine_counts(job):
     assert str(job.parent / "mine.yaml") in setup.sha256
     assert load_setup("spreader", str(job), TODAY).machine.flow.grams_per_rev_mm == 1.4
     bench = load_setup("bench", str(job), TODAY)
-    assert bench.machine == load_config("bench", MACHINE).model, (
+    assert bench.machine == load_config("bench", MACHINE_KIND).model, (
         "never caught with it: its own file counts"
     )
     assert "no catch test with machine bench" in describe_product(bench.product, bench.machine)
@@ -81,12 +83,12 @@ def test_files_of_before_read_equal():
     """A job that names no product: machine and crop are those of their files, the product in
     the crop included."""
     setup = load_setup("huanghai", "demo", TODAY)
-    assert setup.product is None and setup.machine == load_config("huanghai", MACHINE).model
+    assert setup.product is None and setup.machine == load_config("huanghai", MACHINE_KIND).model
     assert (setup.crop.product, setup.crop.product_n_fraction) == ("urea", 0.45)
 
 
 def test_what_a_test_tells_replaces_what_was_told():
-    machine = load_config("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE_KIND).model
     machine = machine.model_copy(
         update={"flow": machine.flow._replace(gain_percent=4.0, zero_offset_g_rev=3.0)}
     )
@@ -125,7 +127,9 @@ def test_what_a_test_tells_replaces_what_was_told():
 )
 def test_what_is_not_allowed(change):
     with pytest.raises(ValidationError):
-        Product.model_validate(load_config("urea_prilled", PRODUCT).model.model_dump() | change)
+        Product.model_validate(
+            load_config("urea_prilled", PRODUCT_KIND).model.model_dump() | change
+        )
 
 
 def test_check_tells_of_the_product(job, tmp_path):
@@ -135,7 +139,9 @@ def test_check_tells_of_the_product(job, tmp_path):
         and "product urea_prilled: no catch test with machine bench" in said.output
     )
     save_config(
-        job, load_config(str(job), JOB).model.model_copy(update={"product_file": "none.yaml"}), JOB
+        job,
+        load_config(str(job), JOB_KIND).model.model_copy(update={"product_file": "none.yaml"}),
+        JOB_KIND,
     )
     said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
@@ -168,7 +174,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
         out,
     )
     assert said.exit_code == 0, said.output
-    test = load_config(str(out), PRODUCT).model.find_newest_test("huanghai")
+    test = load_config(str(out), PRODUCT_KIND).model.find_newest_test("huanghai")
     assert (
         test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002)
         and test.date == TODAY
@@ -178,7 +184,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
     said = topdress(
         "calibrate", "catch", table, "--product", out, "--date", "2026-03-19", "--out", again
     )
-    assert said.exit_code == 0 and len(load_config(str(again), PRODUCT).model.catch_tests) == 2
+    assert said.exit_code == 0 and len(load_config(str(again), PRODUCT_KIND).model.catch_tests) == 2
     for more in (
         ["--out", str(out), "--product", str(out)],
         ["--out", str(tmp_path / "x.yaml"), "--date", "today"],
@@ -190,7 +196,9 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
 def desk(tmp_path):
     launcher = Launcher((), (), 1, 20.0, str(tmp_path / "logs" / "run.csv"), tmp_path / "trouble")
     (tmp_path / "products").mkdir()
-    save_config(tmp_path / "products" / "mine.yaml", prills(caught(6.2, "2026-03-17")), PRODUCT)
+    save_config(
+        tmp_path / "products" / "mine.yaml", prills(caught(6.2, "2026-03-17")), PRODUCT_KIND
+    )
 
     async def link(resumed=None):
         """A worker that starts with what was taken."""

@@ -17,7 +17,7 @@ from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.guess import guess_import_file
 from topdress.drivers.files.imports.guess_columns import _read_values
 from topdress.drivers.files.imports.header import split_unit_name
-from topdress.drivers.files.imports.mapping import IMPORT, Source
+from topdress.drivers.files.imports.mapping import IMPORT_KIND, Source
 from topdress.drivers.files.imports.physics import find_answer
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.read import read_raw_table
@@ -329,7 +329,10 @@ def test_a_written_guess_reads_back_as_it_was(
     ):
         source, place = written(content, f"{number}.csv"), tmp_path / f"{number}.yaml"
         assert topdress("import", source, "--guess", "--mapping", place).exit_code == 0
-        assert load_config(place, IMPORT).model == guess_import_file(read_raw_table(source)).mapping
+        assert (
+            load_config(place, IMPORT_KIND).model
+            == guess_import_file(read_raw_table(source)).mapping
+        )
 
 
 def _points(folder: Path, **columns: list[object]) -> Path:

@@ -33,7 +33,7 @@ from topdress.drivers.files.imports.guess import guess_import_file
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import build_log_columns
-from topdress.drivers.files.imports.mapping import IMPORT, Source
+from topdress.drivers.files.imports.mapping import IMPORT_KIND, Source
 from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.imports.time_logs import (
     TOTAL_AREA_DDI,
@@ -459,7 +459,7 @@ def test_the_commands(topdress: Callable[..., Result], tmp_path: Path) -> None:
         "import", made.path, "--task", "Field 2", "--guess", "--mapping", tmp_path / "m.yaml"
     )
     assert guessed.exit_code == 0 and "DET3 is Bin 2 of Spreader" in guessed.output
-    mapping = load_config(tmp_path / "m.yaml", IMPORT).model
+    mapping = load_config(tmp_path / "m.yaml", IMPORT_KIND).model
     assert mapping.source.task == "Field 2" and mapping.source.task_log is None
     done = topdress(
         "import", made.path, "--mapping", tmp_path / "m.yaml", "--out", tmp_path / "a.csv"

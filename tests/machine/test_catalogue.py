@@ -44,7 +44,7 @@ from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_s
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.neutral shaft.back_gain shaft.back_zone
 shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band
@@ -289,11 +289,11 @@ def test_what_was_changed_by_hand_since_stays() -> None:
 
 def test_the_file_keeps_it(tmp_path: Path) -> None:
     extended = extend(Machine(), found(3.0, TERM), date="2026-07-09", sha256="2" * 64)
-    save_config(tmp_path / "new.yaml", extended, MACHINE)
-    read = load_config(str(tmp_path / "new.yaml"), MACHINE).model
+    save_config(tmp_path / "new.yaml", extended, MACHINE_KIND)
+    read = load_config(str(tmp_path / "new.yaml"), MACHINE_KIND).model
     assert read == extended
-    save_config(tmp_path / "back.yaml", undo_last_change(read, date="2026-07-10"), MACHINE)
-    back = load_config(str(tmp_path / "back.yaml"), MACHINE).model
+    save_config(tmp_path / "back.yaml", undo_last_change(read, date="2026-07-10"), MACHINE_KIND)
+    back = load_config(str(tmp_path / "back.yaml"), MACHINE_KIND).model
     assert (list_effect_sizes(back), back.terms, back.history[0].terms) == (
         {},
         (),
@@ -381,7 +381,7 @@ OF_HUANGHAI = {
 
 
 def of(name: str) -> Machine:
-    return load_config(name, MACHINE).model
+    return load_config(name, MACHINE_KIND).model
 
 
 @pytest.mark.parametrize("effect_id", CATALOGUE)
@@ -463,7 +463,7 @@ def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line
         "utf-8",
     )
     with pytest.raises(ConfigError) as refused:
-        load_config(place, MACHINE)
+        load_config(place, MACHINE_KIND)
     line = place.read_text("utf-8").splitlines().index("  dead_band_rpm: 150.0") + 1
     assert refused.value.lines == (
         f"{place}: key shaft.dead_band_rpm: value 150.0: allowed 0 to 60 r/min where "
@@ -471,7 +471,7 @@ def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line
     )
     drive = find_shipped_files("machines")["drive_alone"].read_text(encoding="utf-8")
     place.write_text(drive.replace("shaft:\n", "shaft:\n  dead_band_rpm: 150.0\n"), "utf-8")
-    assert load_config(place, MACHINE).model.shaft.dead_band_rpm == 150.0
+    assert load_config(place, MACHINE_KIND).model.shaft.dead_band_rpm == 150.0
 
 
 def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:

@@ -34,7 +34,7 @@ from topdress.control.machine.term_step import TermState, step_term
 from topdress.control.machine.terms import Term, make_term_params
 from topdress.control.metering.inverse import find_shaft_command
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 STEP_S = 0.001
 
@@ -139,7 +139,7 @@ def test_steady_flow_lies_evenly() -> None:
 # it turns one w... -----
 
 Array = npt.NDArray[np.float64]
-DRIVE = load_config("drive_alone", MACHINE).model
+DRIVE = load_config("drive_alone", MACHINE_KIND).model
 
 
 def settled(shaft: Shaft, command_rpm: float) -> float:

@@ -32,7 +32,7 @@ from topdress.control.machine.term_sums import (
 )
 from topdress.control.machine.terms import Term, list_needed_values, make_term_params, parse_term
 from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 TEXTS = {
     Form.SLOPE: "flow_percent slope roll_deg slope=2.5 at=0.3 valid=-2:2",
@@ -235,7 +235,7 @@ def test_a_bad_term_is_refused_in_one_line(
     path = tmp_path / "m.yaml"
     path.write_text(yaml.safe_dump(data))
     with pytest.raises(ConfigError) as wrong:
-        load_config(path, MACHINE)
+        load_config(path, MACHINE_KIND)
     assert (
         len(wrong.value.lines) == 1
         and line in wrong.value.lines[0]
@@ -246,8 +246,8 @@ def test_a_bad_term_is_refused_in_one_line(
 def test_a_machine_with_terms_is_written_and_read_back(tmp_path: Path) -> None:
     terms = tuple(made(text).model_copy(update={"id": form.value}) for form, text in TEXTS.items())
     machine = Machine(terms=terms)
-    save_config(tmp_path / "m.yaml", machine, MACHINE)
-    assert load_config(tmp_path / "m.yaml", MACHINE).model == machine
+    save_config(tmp_path / "m.yaml", machine, MACHINE_KIND)
+    assert load_config(tmp_path / "m.yaml", MACHINE_KIND).model == machine
 
 
 def test_an_old_file_with_tables_over_becomes_a_term_with_a_note(tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_an_old_file_with_tables_over_becomes_a_term_with_a_note(tmp_path: Path)
     data["flow"] |= {"table_x": nodes, "table_percent": values}
     data["gate"] |= {"table_x": list(range(8)), "table_mm": [0.0] * 8}
     (tmp_path / "old.yaml").write_text(yaml.safe_dump(data))
-    machine = load_config(tmp_path / "old.yaml", MACHINE).model
+    machine = load_config(tmp_path / "old.yaml", MACHINE_KIND).model
     assert [(t.acts_on, t.form, t.variable_names, t.nodes, t.values) for t in machine.terms] == [
         ("flow_percent", "table", ("supply_v",), tuple(nodes), tuple(values))
     ]

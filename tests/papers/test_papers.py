@@ -36,7 +36,7 @@ from topdress.control.papers.page import Claim, How, Table, ledger
 from topdress.control.papers.points import delays, microsteps, points_claims
 from topdress.control.targets.point import calc_point_lag
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.kinds import CROP_KIND
 
 from tests.command import topdress
 from tests.places import PAPERS
@@ -44,7 +44,7 @@ from tests.places import PAPERS
 
 @pytest.fixture(scope="module")
 def crop() -> Crop:
-    return load_config("huanghai_wheat", CROP).model
+    return load_config("huanghai_wheat", CROP_KIND).model
 
 
 def rows(path: Path) -> list[dict[str, str]]:

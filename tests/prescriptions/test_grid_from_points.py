@@ -303,7 +303,7 @@ def test_a_table_in_metres_is_asked_for_its_zone(tmp_path: Path) -> None:
     places = [(500_000.0 + 5.0 * k, 5_800_000.0 + 5.0 * j) for j in range(4) for k in range(5)]
     rows = [f"{east} {north} {80.0 + k}" for k, (east, north) in enumerate(places)]
     path.write_text("\n".join(["x y value", *rows]))
-    assert FileContent(path).holds == "map"
+    assert FileContent(path).content_kind == "map"
     with pytest.raises(RateQuestion, match=r"columns x, y.*--zone 32N.*--column .*: value"):
         read_prescription(path)
     with pytest.raises(RefusedInput, match="zone 99N: allowed are 1N to 60N"):

@@ -241,7 +241,7 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
 
     from topdress.control.agronomy.noa import decide_rate_kg_ha
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP_KIND
 
     zones = tuple(zone._replace(rate_kg_ha=0.30 + 0.04 * k) for k, zone in enumerate(plan().zones))
     write_prescription(MapData(zones, None), tmp_path / "a.geojson")
@@ -255,7 +255,7 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     assert run().startswith("2 ")
     done = run("--rule", "demo", "--out", tmp_path / "rates.geojson")
     assert done.startswith("0 ") and "NDVI taken to rates by the rule" in done, done
-    crop = load_config("huanghai_wheat", CROP).model
+    crop = load_config("huanghai_wheat", CROP_KIND).model
     back = read_prescription(tmp_path / "rates.geojson").data.zones
     assert [zone.rate_kg_ha for zone in back] == [
         decide_rate_kg_ha(crop, zone.rate_kg_ha) for zone in zones

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from topdress.console.reports.chart import AFTER, ChartSheet, Panel, find_ticks
+from topdress.console.reports.chart import AFTER_COLOUR, ChartPanel, ChartSheet, find_ticks
 
 TEXT = re.compile(r'<text x="([-\d.]+)" y="([-\d.]+)"[^>]*>([^<]*)</text>')
 
@@ -29,7 +29,7 @@ def test_ticks_are_round_and_not_more_than_asked_for(low, high, most, words):
 def test_points_lie_where_the_numbers_of_the_axes_say():
     sheet = ChartSheet(5.0, 3.0)
     x, y = np.array([0.0, 2.0, 7.0, 10.0]), np.array([-3.0, 1.0, np.nan, 5.0])
-    sheet.panel.plot(x, y, AFTER, label="series")
+    sheet.panel.plot(x, y, AFTER_COLOUR, label="series")
     svg = sheet.to_svg("title")
     words = [
         (float(a), float(b), text.replace("\N{MINUS SIGN}", "-"))
@@ -51,8 +51,8 @@ def test_points_lie_where_the_numbers_of_the_axes_say():
 def test_panels_that_share_an_axis_have_one_scale():
     sheet = ChartSheet(5.0, 4.0, rows=2, shares_x=True)
     (above,), (below,) = sheet.panels
-    above.plot([0.0, 1.0], [1000.0, 2000.0], AFTER)
-    below.plot([0.0, 10.0], [0.0, 1.0], AFTER)
+    above.plot([0.0, 1.0], [1000.0, 2000.0], AFTER_COLOUR)
+    below.plot([0.0, 10.0], [0.0, 1.0], AFTER_COLOUR)
     lines = re.findall(
         r'd="M([\d.]+) [\d.]+L([\d.]+) [\d.]+" style="[^"]*--after', sheet.to_svg("")
     )
@@ -62,5 +62,5 @@ def test_panels_that_share_an_axis_have_one_scale():
 
 def test_words_of_others_stay_words():
     panel = (sheet := ChartSheet(4.0, 3.0)).panel
-    panel.plot([0.0], [1.0], AFTER, label="<script>x</script>")
-    assert isinstance(panel, Panel) and "<script" not in sheet.to_svg('"><script>')
+    panel.plot([0.0], [1.0], AFTER_COLOUR, label="<script>x</script>")
+    assert isinstance(panel, ChartPanel) and "<script" not in sheet.to_svg('"><script>')

@@ -16,7 +16,7 @@ from topdress.console.reports.binned import (
     calc_shown_share,
     find_telling_axis,
 )
-from topdress.console.reports.chart import ChartSheet, Panel
+from topdress.console.reports.chart import ChartPanel, ChartSheet
 from topdress.console.reports.diagnosis_wording import describe_unexplained
 from topdress.console.reports.numbers import (
     MINUS_SIGN,
@@ -26,8 +26,13 @@ from topdress.console.reports.numbers import (
     format_percent,
     format_with_interval,
 )
-from topdress.console.reports.panels import EXTENDED, NOMINAL, draw_residual_panel, draw_smooth_line
-from topdress.console.reports.run_pictures import LEAST_MEANS_SHARE, _find_telling_rows
+from topdress.console.reports.panels import (
+    EXTENDED_LABEL,
+    NOMINAL_LABEL,
+    draw_residual_panel,
+    draw_smooth_line,
+)
+from topdress.console.reports.run_pictures import MIN_MEANS_SHARE, _find_telling_rows
 from topdress.console.reports.run_views import list_effect_instances, make_run_views
 from topdress.console.reports.table_pictures import draw_table_column
 from topdress.console.reports.table_views import make_table_views
@@ -41,23 +46,23 @@ AXIS = Axis("x", X)
 
 
 def test_nominal_is_before_and_extended_is_after() -> None:
-    panel = Panel()
+    panel = ChartPanel()
     draw_residual_panel(
         panel, AXIS, calc_binned_means(AXIS, X - 5.0), calc_binned_means(AXIS, 0.0 * X + 0.1), "kg"
     )
-    before, after = panel.series[NOMINAL][1], panel.series[EXTENDED][1]
+    before, after = panel.series[NOMINAL_LABEL][1], panel.series[EXTENDED_LABEL][1]
     assert (before.min(), before.max()) == pytest.approx((-5.0, -1.0), abs=0.2)
     assert after == pytest.approx(0.1)
 
 
 def test_nothing_named_draws_nothing_extended() -> None:
-    panel = Panel()
+    panel = ChartPanel()
     draw_residual_panel(panel, AXIS, calc_binned_means(AXIS, X), None, "kg")
-    assert EXTENDED not in panel.series
+    assert EXTENDED_LABEL not in panel.series
 
 
 def test_smooth_line_follows_what_is_there() -> None:
-    panel = Panel()
+    panel = ChartPanel()
     draw_smooth_line(panel, X, 2.0 * np.cos(np.pi * X / 4.0))
     found = panel.series["smooth function"][1]
     assert found == pytest.approx(
@@ -76,10 +81,18 @@ def test_table_picture_shows_both_machines(
 ) -> None:
     (view,) = make_table_views([bench_tables["place"]], machine, [cause_of("place.lever_arm", 0.4)])
     picture = draw_table_column(view)
-    for words in ("before", "after", NOMINAL, EXTENDED, "measured", "miss_m, m", "residual, m"):
+    for words in (
+        "before",
+        "after",
+        NOMINAL_LABEL,
+        EXTENDED_LABEL,
+        "measured",
+        "miss_m, m",
+        "residual, m",
+    ):
         assert words in picture.svg
     (bare,) = make_table_views([bench_tables["place"]], machine, [])
-    assert EXTENDED not in draw_table_column(bare).svg
+    assert EXTENDED_LABEL not in draw_table_column(bare).svg
 
 
 def test_colours_are_the_pages_own() -> None:
@@ -313,7 +326,7 @@ def test_axis_is_chosen_by_what_the_effect_does(
         part = list_effect_instances([cause_of(effect_id)])[0]
         effect = views[name].calc_part_effect((part,), part)
         assert views[name].find_effect_axis(part, effect).label == wanted
-    assert 0.0 < LEAST_MEANS_SHARE < 1.0
+    assert 0.0 < MIN_MEANS_SHARE < 1.0
 
 
 def test_time_is_the_axis_where_it_matters(

@@ -17,7 +17,7 @@ from topdress.control.field.job import Ground, Job
 from topdress.control.field.totals import Totaliser, TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.kinds import JOB_KIND
 
 NOW = dt.datetime.now(dt.UTC)
 HOME = 34.28, 119.88
@@ -136,7 +136,7 @@ def done_before(loop, place):
 def jobs(tmp_path):
     """A job of the demo's field with other words and rules in it, and the same on a field far
     away."""
-    demo = load_config(find_shipped_files("jobs")["demo"], JOB).model
+    demo = load_config(find_shipped_files("jobs")["demo"], JOB_KIND).model
     far = demo.field.model_copy(update={"origin_lat_deg": 35.0})
     save_config(
         tmp_path / "mapped.yaml",
@@ -148,10 +148,10 @@ def jobs(tmp_path):
                 "crop": "osu_winter_wheat_2002",
             }
         ),
-        JOB,
+        JOB_KIND,
         "",
     )
-    save_config(tmp_path / "far.yaml", demo.model_copy(update={"field": far}), JOB, "")
+    save_config(tmp_path / "far.yaml", demo.model_copy(update={"field": far}), JOB_KIND, "")
     return tmp_path
 
 

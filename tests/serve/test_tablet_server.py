@@ -22,8 +22,8 @@ from topdress.console.cli import serve as serve_command
 from topdress.console.cli import tablet
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.tablet import (
-    MOST_ADDRESSES,
-    MOST_BYTES,
+    MAX_ADDRESSES,
+    MAX_WAITS_BYTES,
     TAB_MEMORY_BYTES,
     SharedKeyWaits,
     TabLink,
@@ -561,7 +561,8 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
     for host in range(300):
         assert "not the tablet" in tab(f"10.1.{host // 256}.{host % 256}").find_fault("guess")
     assert (
-        len(json.loads(path.read_text())) <= MOST_ADDRESSES + 1 and path.stat().st_size < MOST_BYTES
+        len(json.loads(path.read_text())) <= MAX_ADDRESSES + 1
+        and path.stat().st_size < MAX_WAITS_BYTES
     )
     assert "wait" in tab("10.1.1.43").find_fault("right"), "the newest are kept"
 

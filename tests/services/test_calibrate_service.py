@@ -12,7 +12,7 @@ from topdress.console.app.pages.calibrate.wheel import WheelSample
 from topdress.console.services.calibrate import make_calibrate_service
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.places import PAPERS
 
@@ -21,7 +21,7 @@ SETTINGS = ((30.0, 15.0), (50.0, 25.0), (70.0, 35.0), (90.0, 45.0), (90.0, 15.0)
 
 @pytest.fixture
 def machine():
-    return load_config("huanghai", MACHINE).model
+    return load_config("huanghai", MACHINE_KIND).model
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_too_few_catches_are_one_line(job):
 def test_a_new_machine_file_says_where_it_comes_from_and_the_old_one_stays(job, machine, tmp_path):
     found = job.fit_catch(catches())
     path = Path(job.save(found, "mine"))
-    new = load_config(path, MACHINE).model
+    new = load_config(path, MACHINE_KIND).model
     assert new.flow.grams_per_rev_mm == pytest.approx(found.estimates[0].value, rel=1e-3)
     record = next(one for one in new.adopted if one.id == "flow.grams_per_rev_mm")
     table = read_bench_table(record.data)
@@ -117,7 +117,7 @@ def test_a_wheel_is_fitted_by_the_circumference_it_was_counted_by_and_saved(mach
     assert (
         circumference.low < circumference.value < circumference.high < 1.005 * circumference.value
     )
-    new = load_config(Path(job.save(found, "wheel.yaml")), MACHINE).model
+    new = load_config(Path(job.save(found, "wheel.yaml")), MACHINE_KIND).model
     assert new.speed.wheel_circumference_m == circumference.value
     assert "Calibrate page" in new.adopted[-1].data
     with pytest.raises(ValueError, match="at least"):
@@ -147,7 +147,7 @@ def test_a_reference_of_effort_is_saved_as_it_was_fitted(machine, tmp_path):
     found = job.fit_effort(str(log))
     assert [one.name for one in found.estimates] == ["coulomb", "viscous", "load"]
     log.unlink()
-    new = load_config(Path(job.save(found, "effort")), MACHINE).model
+    new = load_config(Path(job.save(found, "effort")), MACHINE_KIND).model
     assert [getattr(new.effort, one.name) for one in found.estimates] == [
         one.value for one in found.estimates
     ]
@@ -173,7 +173,7 @@ def test_the_papers_lag_tables_are_offered_fitted_and_saved(machine, tmp_path):
         "points outside the range are shown"
     )
     assert (
-        load_config(Path(job.save(found, "lag")), MACHINE).model.fall.slope_s_per_rpm
+        load_config(Path(job.save(found, "lag")), MACHINE_KIND).model.fall.slope_s_per_rpm
         == found.estimates[0].value
     )
 

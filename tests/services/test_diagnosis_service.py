@@ -36,7 +36,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import JOB, MACHINE
+from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
 from topdress.drivers.files.setup import load_setup
 
 from tests.app.made_up.diagnosis import having, sample_found
@@ -127,7 +127,7 @@ def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothin
     service, found, _told = caught
     paths = [Path(service.adopt_effects(found, Adoption(found.adoptable))) for _twice in (1, 2)]
     assert paths[0] != paths[1] and paths[0].parent == service.own / "machines"
-    machine = load_config(paths[0], MACHINE).model
+    machine = load_config(paths[0], MACHINE_KIND).model
     assert machine.flow.gain_percent == pytest.approx(6.0, abs=0.5)
     adopted = next(one for one in machine.adopted if one.id == "flow.gain")
     assert adopted.data.endswith("catch.csv") and len(adopted.sha256) == 64 and adopted.date
@@ -145,7 +145,7 @@ def test_a_choice_between_tied_causes_is_kept_with_its_reason(caught):
     text = path.read_text(encoding="utf-8")
     assert f"The operator picked: {first.id}. Why: outlets were weighed twice" in text
     assert f"Not decided by the data: {first.id}; scale.gain" in text
-    assert load_config(path, MACHINE).model.adopted
+    assert load_config(path, MACHINE_KIND).model.adopted
 
 
 def test_there_is_a_machine_file_for_each_choice_and_none_for_nothing(caught):
@@ -298,7 +298,7 @@ def test_scoped_late_and_sizeless_effects_are_refused():
 
 @pytest.fixture(scope="module")
 def huanghai():
-    return load_config("huanghai", MACHINE).model
+    return load_config("huanghai", MACHINE_KIND).model
 
 
 def test_every_planned_manoeuvre_can_be_driven(huanghai):
@@ -343,7 +343,7 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
         found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan)
     )
     path = Path(files.write_separating_job(on_slope))
-    job = load_config(path, JOB).model
+    job = load_config(path, JOB_KIND).model
     assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
     stairs = Path(files.write_separating_job(found)).read_text(encoding="utf-8")
     assert "are the operator's to set" in stairs
@@ -365,9 +365,11 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
         "time_s,shaft_rpm_cmd,shaft_rpm\n"
         + "".join(f"{t:.2f},{c:g},{y:.2f}\n" for t, c, y in zip(time_s, command, read, strict=True))
     )
-    before = load_config("drive_alone", MACHINE).model
+    before = load_config("drive_alone", MACHINE_KIND).model
     after, place = add_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
-    save_config(place, append_history(before, after, data="run.csv", date="2026-07-09"), MACHINE)
+    save_config(
+        place, append_history(before, after, data="run.csv", date="2026-07-09"), MACHINE_KIND
+    )
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
     found = service.compare_machines(
         str(place), service.find_source(str(log)), lambda *said: told.append(said), StopSignal()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from topdress.console.app.pages.replay.service import WhatIf
 from topdress.console.frame import Frame
-from topdress.console.services.field import MOST_CELLS, make_field_picture
+from topdress.console.services.field import MAX_CELLS, make_field_picture
 from topdress.console.services.replay_frames import make_frames, open_replay
 from topdress.control.log_row import LogRow
 from topdress.control.simulation.assembly import add_simulated_field
@@ -62,7 +62,7 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
     box = picture.box
     assert (box.east_m - box.west_m, box.north_m - box.south_m) == pytest.approx((24 * 2.4, 150.0))
     assert picture.area_ha == pytest.approx(0.864) and picture.width_m == 2.4
-    assert picture.planned.rate_kg_ha.size <= MOST_CELLS
+    assert picture.planned.rate_kg_ha.size <= MAX_CELLS
     assert set(np.unique(picture.planned.rate_kg_ha[np.isfinite(picture.planned.rate_kg_ha)])) == {
         180.0,
         270.0,

@@ -32,7 +32,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import MapData, Zone
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 
@@ -96,7 +96,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
     assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert (
-        load_config(path, JOB).model.ndvi_nrich == 0.71
+        load_config(path, JOB_KIND).model.ndvi_nrich == 0.71
         and find_shipped_files("jobs")["demo"].read_bytes() == before
     )
     facts = desk.find_facts()
@@ -104,7 +104,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
         facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71
         and facts.job_file == str(path)
     )
-    both = load_config(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB).model
+    both = load_config(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB_KIND).model
     assert (both.ndvi_nrich, both.ndvi_check) == (
         0.71,
         0.55,
@@ -114,7 +114,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.choose_file("job", str(find_shipped_files("jobs")["map_demo"]))
     asyncio.run(desk.restart_worker())
-    new = load_config(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB).model
+    new = load_config(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB_KIND).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
@@ -209,14 +209,14 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
     desk, launcher, tmp_path, box, far, anew, named
 ):
     """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
-    demo = load_config(find_shipped_files("jobs")["demo"], JOB).model
+    demo = load_config(find_shipped_files("jobs")["demo"], JOB_KIND).model
     field = demo.field.model_copy(
         update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg}
     )
     save_config(
         tmp_path / "other.yaml",
         demo.model_copy(update={"field": field, "strategy": "balanced"}),
-        JOB,
+        JOB_KIND,
         "",
     )
     launcher.log_folder.mkdir(exist_ok=True)
@@ -330,7 +330,7 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     assert seen.rates_kg_ha == (pytest.approx(224.2, abs=0.1), pytest.approx(358.7, abs=0.1))
     assert seen.picture is not None and seen.picture.planned is not None and seen.check is not None
     assert launcher.config == () and not (tmp_path / "maps").exists(), "looking changes nothing"
-    job = load_config(Path(desk.choose_map(seen)), JOB).model
+    job = load_config(Path(desk.choose_map(seen)), JOB_KIND).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
     stick.unlink()  # the stick is pulled
     assert desk.find_facts().setup.job.target.source == "canopy", (
@@ -356,9 +356,9 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         ({"hold_mean_kg_ha": 250.0}, "map"),
         ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy"),
     ):
-        data = load_config("demo", JOB).model.model_dump(mode="json")
+        data = load_config("demo", JOB_KIND).model.model_dump(mode="json")
         job = Job.model_validate(data | {"target": data["target"] | target})
-        save_config(tmp_path / "job.yaml", job, JOB)
+        save_config(tmp_path / "job.yaml", job, JOB_KIND)
         shutil.copy(
             find_shipped_files("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson"
         )
@@ -366,7 +366,7 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         asyncio.run(desk.restart_worker())
         new = load_config(
             Path(desk.choose_map(desk.preview_map(str(tmp_path / "old.geojson"), MapReading()))),
-            JOB,
+            JOB_KIND,
         ).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
@@ -439,7 +439,7 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
 
     def versions():
         return [
-            load_config(path, JOB).model.ndvi_nrich
+            load_config(path, JOB_KIND).model.ndvi_nrich
             for path in sorted((jobs / "history").glob("*.yaml"))
         ]
 
@@ -447,7 +447,7 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
     desk.save_strip_value(StripValue("nrich", 0.72))
     desk.save_job_names(JobNames(client="Li Ming"))
     assert (
-        load_config(jobs / "demo.yaml", JOB).model.client
+        load_config(jobs / "demo.yaml", JOB_KIND).model.client
         == ""
         == desk.find_facts().setup.job.client
     ), "nothing has it yet"
@@ -459,7 +459,7 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
     launcher.fails = True
     with pytest.raises(WorkerFailed):
         asyncio.run(desk.restart_worker())
-    job = load_config(jobs / "demo.yaml", JOB).model
+    job = load_config(jobs / "demo.yaml", JOB_KIND).model
     assert (job.id, job.client, job.ndvi_nrich) == (
         "demo",
         "Li Ming",

@@ -129,7 +129,7 @@ def grow(path: Path, text: str) -> None:
 
 def times(growing: GrowingLog) -> list[float]:
     """Of the new rows; none: []."""
-    more = growing.more()
+    more = growing.read_new_rows()
     return [] if more is None else more["time_s"].tolist()
 
 
@@ -139,12 +139,12 @@ def rows(begin: int, end: int) -> str:
 
 def test_a_growing_log_gives_whole_new_rows_only(path: Path) -> None:
     growing = GrowingLog(path)
-    assert growing.more() is None
+    assert growing.read_new_rows() is None
     path.write_text(HEADER + rows(0, 5) + "0.5,1.2")
     assert times(growing) == [0.0, 0.1, 0.2, 0.3, 0.4]
-    assert growing.more() is None
+    assert growing.read_new_rows() is None
     grow(path, "00,1.25\n" + rows(6, 8))
-    more = growing.more()
+    more = growing.read_new_rows()
     assert (
         more is not None
         and more["time_s"].tolist() == [0.5, 0.6, 0.7]
@@ -159,7 +159,7 @@ def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(
 ) -> None:
     path.write_text(HEADER + rows(100, 110))
     growing, other = GrowingLog(path), tmp_path / "other.csv"
-    growing.more()
+    growing.read_new_rows()
     other.write_text(HEADER + rows(0, 40))
     other.replace(path)  # rotated: longer than what was read
     assert times(growing) == pytest.approx([0.1 * k for k in range(40)])
@@ -168,7 +168,7 @@ def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(
 def test_times_that_go_back_are_not_passed_over(path: Path) -> None:
     path.write_text(HEADER + rows(100, 110))
     growing = GrowingLog(path)
-    growing.more()
+    growing.read_new_rows()
     grow(path, rows(0, 5))
     assert len(times(growing)) == 5
 
@@ -282,7 +282,7 @@ def test_of_a_foreign_log_only_the_new_lines_are_brought_in(
     monkeypatch.setattr(text, "read_text_table", counted)
     path.write_text(FOREIGN_HEAD)
     growing, found = GrowingLog(path), list[float]()
-    assert growing.more() is None  # a header alone: it is waited for rows
+    assert growing.read_new_rows() is None  # a header alone: it is waited for rows
     for step in range(24):
         grow(path, foreign(100, 100 * step))
         found += times(growing)
@@ -334,6 +334,6 @@ def test_a_foreign_log_is_followed_by_its_import_file(path: Path) -> None:
     lines = [f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(120)]
     path.write_text("t;S;I\n" + "".join(lines[:100]))
     growing = GrowingLog(path)
-    assert len(growing.more()["shaft_rpm"]) == 100  # type: ignore[index, arg-type]
+    assert len(growing.read_new_rows()["shaft_rpm"]) == 100  # type: ignore[index, arg-type]
     grow(path, "".join(lines[100:]))
     assert times(growing) == [0.5 * k for k in range(100, 120)]

@@ -14,9 +14,9 @@ import textwrap
 
 import pytest
 from topdress.console.attached import (
-    NAME_CHARACTERS,
-    Attached,
-    Ordered,
+    MAX_NAME_CHARACTERS,
+    AttachedConsole,
+    ExecutedOrder,
     clean_name,
     find_own_name,
     make_unique_name,
@@ -64,10 +64,10 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     looks = await join(TabLink(where.drop_token(), "tablet office"))
     everybody = (ann, lab, tablet, looks)
     wanted = {
-        Attached("ann@cab pts/3", False, True, True),
-        Attached("lab@cab pts/4", False, True, True),
-        Attached("tablet Ann", True, True, False),
-        Attached("tablet office", True, False, False),
+        AttachedConsole("ann@cab pts/3", False, True, True),
+        AttachedConsole("lab@cab pts/4", False, True, True),
+        AttachedConsole("tablet Ann", True, True, False),
+        AttachedConsole("tablet office", True, False, False),
     }
     for link in everybody:
         await until(lambda link=link: set(link.newest.attached) == wanted)
@@ -219,7 +219,7 @@ def test_a_frame_of_a_worker_of_before_has_nobody_and_one_of_a_later_one_has_mor
     plain = {"seq": 1, "at_s": 0.0, "row": {"time_s": 0.0}, "consoles": 2}
     assert parse_frame(plain).attached == ()
     assert parse_frame(plain | {"attached": [{"name": "ann", "seat": 2}]}).attached == (
-        Attached("ann"),
+        AttachedConsole("ann"),
     )
 
 
@@ -242,7 +242,7 @@ async def test_who_comes_and_goes_without_the_token_fills_no_log(running, join, 
         ("ann@cab pts/3", "ann@cab pts/3"),
         ("a;stop_by b,c", "a stop_by b c"),
         ("\x1b[2J\nann\t", "[2J ann"),
-        ("x" * 99, "x" * NAME_CHARACTERS),
+        ("x" * 99, "x" * MAX_NAME_CHARACTERS),
         (None, ""),
         (7, ""),
         ("  ", ""),
@@ -259,7 +259,10 @@ def test_names_that_are_taken_get_a_number():
         and make_unique_name("a", ["a"]) == "a #2"
         and make_unique_name("a", ["a", "a #2"]) == "a #3"
     )
-    assert len(make_unique_name("x" * NAME_CHARACTERS, ["x" * NAME_CHARACTERS])) <= NAME_CHARACTERS
+    assert (
+        len(make_unique_name("x" * MAX_NAME_CHARACTERS, ["x" * MAX_NAME_CHARACTERS]))
+        <= MAX_NAME_CHARACTERS
+    )
 
 
 def test_a_console_is_named_by_its_user_computer_and_terminal_or_as_it_is_given(monkeypatch):
@@ -272,7 +275,7 @@ def test_a_console_is_named_by_its_user_computer_and_terminal_or_as_it_is_given(
 def test_orders_are_read_out_of_a_cell_of_events():
     cell = "nudge 5.0;nudge_by ann;mark start_by nobody;hold;hold_by tablet 2;refill 50;left ann"
     assert list(read_orders(cell, 3.0)) == [
-        Ordered("nudge", "5.0", "ann", 3.0),
-        Ordered("hold", "", "tablet 2", 3.0),
+        ExecutedOrder("nudge", "5.0", "ann", 3.0),
+        ExecutedOrder("hold", "", "tablet 2", 3.0),
     ]
     assert list(read_orders(None, 0.0)) == []

@@ -26,7 +26,7 @@ from topdress.console.cli.live import (
     PUBLISHED_FIELDS,
     _parse_broker_url,
     _serve_socket,
-    calc_most_readers,
+    calc_max_readers,
 )
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.running import WorkerAddress
@@ -145,7 +145,7 @@ def test_without_its_broker_it_ends_as_it_does_with_one(live: Callable[..., Any]
 async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("topdress.console.cli.live.calc_most_readers", lambda: 2)
+    monkeypatch.setattr("topdress.console.cli.live.calc_max_readers", lambda: 2)
     tell = await _serve_socket(0)
     port = int(capsys.readouterr().err.rpartition(":")[2])
     ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(5)]
@@ -164,7 +164,7 @@ async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line
 def test_readers_leave_files_for_the_machine() -> None:
     resource = pytest.importorskip("resource")
     files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    assert 1 <= calc_most_readers() <= max(1, files - 80)
+    assert 1 <= calc_max_readers() <= max(1, files - 80)
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")

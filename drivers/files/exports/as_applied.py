@@ -28,7 +28,7 @@ from topdress.control.machine.sections import LoggedValves, SectionStrip
 from topdress.control.metering.inverse import Conditions
 from topdress.control.orders import State, TargetSource
 from topdress.drivers.files.exports.stopped import (
-    TURNING_RPM,
+    MIN_TURNING_SHAFT_RPM,
     StoppedRelease,
     find_stopped_releases,
     find_stopped_rows,
@@ -41,7 +41,7 @@ Floats = npt.NDArray[np.float64]
 # Longest step between rows, s; no material is counted in a longer gap.
 MAX_ROW_STEP_S = 1.0
 # Number of mean steps that make a gap, in a log with fewer rows than one a second.
-GAP_MEAN_STEPS = 2.5
+MAX_GAP_FREE_MEAN_STEPS = 2.5
 # Length of a segment, s, which gives about a record a second.
 DEFAULT_STRETCH_S = 1.0
 # Relative difference up to which widths agree: they are reported rounded, and as driven.
@@ -319,7 +319,7 @@ def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
     effort, rpm, opening = (
         np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm")
     )
-    known = np.isfinite(effort) & np.isfinite(opening) & (rpm > TURNING_RPM)
+    known = np.isfinite(effort) & np.isfinite(opening) & (rpm > MIN_TURNING_SHAFT_RPM)
     if not machine.has_stage("effort") or not known.any():
         return np.full(len(log), np.nan)
     pitch, kg, supply = (
@@ -393,7 +393,7 @@ def _find_max_step_s(log: RunLog) -> float:
     """Returns the longest step between rows, s, that is no gap; foreign logs may have a row every
     few seconds."""
     return (
-        max(MAX_ROW_STEP_S, GAP_MEAN_STEPS * log.step_s)
+        max(MAX_ROW_STEP_S, MAX_GAP_FREE_MEAN_STEPS * log.step_s)
         if log.step_s > 0.5 * MAX_ROW_STEP_S
         else MAX_ROW_STEP_S
     )
@@ -415,7 +415,9 @@ def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """
     working = np.asarray(log.texts("state") == State.WORKING.value) | (not log.has("state"))
     off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
-    turning = (log.numbers("shaft_rpm_cmd") > 0.0) | (log.numbers("shaft_rpm") > TURNING_RPM)
+    turning = (log.numbers("shaft_rpm_cmd") > 0.0) | (
+        log.numbers("shaft_rpm") > MIN_TURNING_SHAFT_RPM
+    )
     return np.asarray(working & (~off_field | turning), dtype=np.bool_)
 
 

@@ -26,44 +26,56 @@ from topdress.drivers.files.prescriptions.task_files import (
 )
 
 # Data dictionary identifiers (ISO 11783-11) of rates in mg/m2.
-SETPOINT_RATE, ACTUAL_RATE = 6, 7
+SETPOINT_RATE_DDI, ACTUAL_RATE_DDI = 6, 7
 # Identifiers of width (mm), speed (mm/s) and work state (1: working).
-WIDTH, SPEED, WORK_STATE = 67, 397, 141
+WIDTH_DDI, SPEED_DDI, WORK_STATE_DDI = 67, 397, 141
 # Identifiers of totals in g, g, m2, mm and s.
-TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119
+TOTAL_MASS_DDI, TOTAL_NITROGEN_DDI, TOTAL_AREA_DDI, TOTAL_DISTANCE_DDI, TOTAL_TIME_DDI = (
+    352,
+    353,
+    116,
+    117,
+    119,
+)
 # Values of a time log record, in this order.
 LOGGED_DDIS = (
-    SETPOINT_RATE,
-    ACTUAL_RATE,
-    WIDTH,
-    SPEED,
-    WORK_STATE,
-    TOTAL_MASS,
-    TOTAL_AREA,
-    TOTAL_DISTANCE,
+    SETPOINT_RATE_DDI,
+    ACTUAL_RATE_DDI,
+    WIDTH_DDI,
+    SPEED_DDI,
+    WORK_STATE_DDI,
+    TOTAL_MASS_DDI,
+    TOTAL_AREA_DDI,
+    TOTAL_DISTANCE_DDI,
 )
 # Names of the device's process data (DPD), as a terminal shows them.
 DDI_NAMES = {
-    SETPOINT_RATE: "target rate",
-    ACTUAL_RATE: "applied rate",
-    WIDTH: "working width",
-    SPEED: "speed",
-    WORK_STATE: "work state",
-    TOTAL_MASS: "applied",
-    TOTAL_N: "applied nitrogen",
-    TOTAL_AREA: "area",
-    TOTAL_DISTANCE: "distance",
-    TOTAL_TIME: "working time",
+    SETPOINT_RATE_DDI: "target rate",
+    ACTUAL_RATE_DDI: "applied rate",
+    WIDTH_DDI: "working width",
+    SPEED_DDI: "speed",
+    WORK_STATE_DDI: "work state",
+    TOTAL_MASS_DDI: "applied",
+    TOTAL_NITROGEN_DDI: "applied nitrogen",
+    TOTAL_AREA_DDI: "area",
+    TOTAL_DISTANCE_DDI: "distance",
+    TOTAL_TIME_DDI: "working time",
 }
 # Totals in the task's time element (TIM).
-TOTAL_DDIS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
+TOTAL_DDIS = (
+    TOTAL_MASS_DDI,
+    TOTAL_NITROGEN_DDI,
+    TOTAL_AREA_DDI,
+    TOTAL_DISTANCE_DDI,
+    TOTAL_TIME_DDI,
+)
 
 # The only device element: the whole machine.
 DEVICE_ELEMENT = "DET1"
 # ISO 11783 NAME: self-configurable, fertiliser class, without a manufacturer's number.
 CLIENT_NAME = "A00084000DE00001"
 # Pause between segments, s, that ends the work in the time log.
-WORK_BREAK_S = 0.5
+MIN_WORK_BREAK_S = 0.5
 
 
 def write_isoxml_task(applied: AsApplied, path: Path) -> None:
@@ -128,7 +140,7 @@ def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
     millimetres = np.round(1000.0 * np.cumsum(_calc_effective_m(applied))).astype(np.int64).tolist()
     ends = s.time_s + 0.5 * s.duration_s
     stops = np.append(
-        s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > WORK_BREAK_S, True
+        s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > MIN_WORK_BREAK_S, True
     ).tolist()
     for k, end_s in enumerate(ends.tolist()):
         values = [

@@ -14,7 +14,7 @@ from topdress.drivers.files.read_log import RunLog
 # Name of the event in the log, a contract with its readers.
 RELEASE_EVENT = "released_stopped"
 # Shaft speed above which the shaft turns, r/min: the lag paper's threshold.
-TURNING_RPM = 2.0
+MIN_TURNING_SHAFT_RPM = 2.0
 
 
 class StoppedRelease(NamedTuple):
@@ -51,7 +51,9 @@ def find_stopped_rows(log: RunLog) -> npt.NDArray[np.bool_]:
         ~np.isin(state, (State.WORKING.value, State.CALIBRATING.value)) & log.has("state") & entered
     )
     stands = np.nan_to_num(log.numbers("shaft_rpm_cmd")) == 0.0
-    return np.asarray(out & stands & (log.numbers("shaft_rpm") > TURNING_RPM), dtype=np.bool_)
+    return np.asarray(
+        out & stands & (log.numbers("shaft_rpm") > MIN_TURNING_SHAFT_RPM), dtype=np.bool_
+    )
 
 
 def _parse_event_kg(event: str) -> float:

@@ -20,7 +20,7 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers import day_clock
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.fields.field_data import (
-    EVEN_HEADLAND_M,
+    MAX_HEADLAND_WIDTH_DIFFERENCE_M,
     FieldData,
     FieldError,
     FieldLine,
@@ -100,7 +100,7 @@ def read_agopengps(folder: Path) -> FieldData:
     width = None
     if rings and headlands and headlands[0][1].size:
         middle, least, most = calc_headland_width_m(rings[0][1], headlands[0][1])
-        if most - least <= EVEN_HEADLAND_M:
+        if most - least <= MAX_HEADLAND_WIDTH_DIFFERENCE_M:
             width = middle
         else:
             findings.append(

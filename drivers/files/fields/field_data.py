@@ -18,9 +18,9 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.plain_text import OneLineError
 
 # Difference of widths, m, up to which a headland counts as equally wide.
-EVEN_HEADLAND_M = 0.5
+MAX_HEADLAND_WIDTH_DIFFERENCE_M = 0.5
 # Difference of headings, degrees, up to which lines count as parallel: 0.2 m over 100 m.
-PARALLEL_LINES_DEG = 0.1
+MAX_PARALLEL_DIFFERENCE_DEG = 0.1
 
 
 class FieldError(OneLineError):
@@ -198,7 +198,7 @@ def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None)
     first = next(iter(headings.values()))
     # Lines in opposite directions are parallel too.
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
-    if off > PARALLEL_LINES_DEG:
+    if off > MAX_PARALLEL_DIFFERENCE_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
         raise FieldError(
             f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which"

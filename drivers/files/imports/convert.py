@@ -29,7 +29,7 @@ from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import (
     EVENTS_COLUMN,
-    EXTRA_START,
+    EXTRA_COLUMN_PREFIX,
     STATE_COLUMN,
     Column,
     ImportFile,
@@ -46,7 +46,7 @@ from topdress.drivers.files.imports.units import (
 )
 
 # Column with the time of a row in whole microseconds.
-TIME_US = "us"
+TIME_US_COLUMN = "us"
 # Column of the run log with UTC, and the column of microseconds since 1970 that replaces it here.
 UTC_COLUMN, UTC_US_COLUMN = "utc", "utc_us"
 # Columns of the log that hold commands.
@@ -104,7 +104,7 @@ def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
         columns[STATE_COLUMN] = _find_state(raw, mapping.working, mapping)
     if mapping.extra == "keep":
         columns |= _collect_extras(raw, mapping, taken=set(columns))
-    columns = _order_rows(raw, {TIME_US: times.us, **columns}, findings)
+    columns = _order_rows(raw, {TIME_US_COLUMN: times.us, **columns}, findings)
     if mapping.rows == "answer_in_row":
         constants = [
             name for name, column in mapping.columns.items() if column.constant is not None
@@ -153,7 +153,7 @@ def _convert_column(
         )
     if found.bad:
         # An extra column may hold texts.
-        if name.startswith(EXTRA_START) and found.bad > _MAX_BAD_SHARE * cells.size:
+        if name.startswith(EXTRA_COLUMN_PREFIX) and found.bad > _MAX_BAD_SHARE * cells.size:
             return _clean_texts(cells, missing)
         _report_bad_cells(raw, column.source, found, findings)
     values = _empty_outside(raw, column, found.values, findings)
@@ -249,7 +249,7 @@ def _convert_to_log_unit(
     values = values * column.sign
     unit = find_named_unit(column.unit) if column.unit is not None else None
     quantity = find_quantity(name)
-    if unit is None or name.startswith(EXTRA_START) or quantity == "share":
+    if unit is None or name.startswith(EXTRA_COLUMN_PREFIX) or quantity == "share":
         return values
     if unit.name == "%":
         return values * ((column.full or 1.0) / 100.0)
@@ -346,7 +346,7 @@ def make_extra_name(source: str, unit: str | None) -> str:
     if unit or written:
         parts.append(make_name_slug(unit or written or ""))
     plain = "_".join(part for part in parts if part)
-    return plain if plain.startswith(EXTRA_START) else EXTRA_START + plain
+    return plain if plain.startswith(EXTRA_COLUMN_PREFIX) else EXTRA_COLUMN_PREFIX + plain
 
 
 def _clean_texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
@@ -362,7 +362,7 @@ def _clean_texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArr
 
 def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Columns:
     """Returns rows with strictly increasing times, as the log's own reader makes them."""
-    us = columns[TIME_US]
+    us = columns[TIME_US_COLUMN]
     known = us[~np.isnan(us)]
     first = known[0] if known.size else 0.0
     try:
@@ -372,7 +372,7 @@ def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Col
     findings += times.findings
     kept = columns if isinstance(times.rows, slice) else select_rows(columns, times.rows)
     if times.spread:
-        kept = {**kept, TIME_US: first + np.round(times.time_s * 1e6)}
+        kept = {**kept, TIME_US_COLUMN: first + np.round(times.time_s * 1e6)}
     return kept
 
 
@@ -383,15 +383,15 @@ def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
     therefore moves to the row before, and an additional first row holds the first command. An event
     states that no command is missing between rows.
     """
-    times = columns[TIME_US]
+    times = columns[TIME_US_COLUMN]
     # The first row begins one usual step earlier, or one second earlier without any step.
     step = int(calc_median(np.diff(times)) or 1e6)
     stated = columns.get(EVENTS_COLUMN, make_unknown_like(make_text_column([]), len(times)))
-    longer = {TIME_US: np.concatenate(([times[0] - step], times))}
+    longer = {TIME_US_COLUMN: np.concatenate(([times[0] - step], times))}
     for name, column in columns.items():
         if name in COMMAND_COLUMNS:
             longer[name] = np.concatenate((column, column[-1:]))
-        elif name != TIME_US:
+        elif name != TIME_US_COLUMN:
             is_held = name in (*constants, STATE_COLUMN)
             before = column[:1] if is_held else make_unknown_like(column, 1)
             longer[name] = np.concatenate((before, column))

@@ -20,7 +20,7 @@ from topdress.drivers.files.columns import (
     select_rows,
 )
 from topdress.drivers.files.imports import physics
-from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, convert_table
+from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN, convert_table
 from topdress.drivers.files.imports.guess_columns import (
     build_column,
     calc_value_per_count,
@@ -45,18 +45,18 @@ from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.text import NO_HEADER_ID
 from topdress.drivers.files.imports.units import find_named_unit, find_quantity
 from topdress.drivers.files.imports.words import (
-    EITHER_WAY_WORDS,
-    ON_WORDS,
+    AMBIGUOUS_SWITCH_WORDS,
     QUANTITY_WORDS,
+    SWITCH_ON_WORDS,
     find_subject,
     fold_column_name,
     has_any_word,
 )
 
 # Number of rows that are converted to test a guess.
-TESTED_ROWS = 50_000
+MAX_TESTED_ROWS = 50_000
 # Range of the ratio of wheel speed to ground speed, on any ground.
-SLIP_RANGE = (0.7, 1.6)
+WHEEL_TO_GROUND_RATIO_RANGE = (0.7, 1.6)
 # Relative difference of command and reading up to which both have the same unit.
 SAME_UNIT_SHARE = 0.1
 # Share of the largest value by which readings may leave their range, because readings about zero
@@ -74,7 +74,7 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
     contradict."""
     head = RawTable(
         raw.path,
-        select_rows(raw.columns, slice(TESTED_ROWS)),
+        select_rows(raw.columns, slice(MAX_TESTED_ROWS)),
         raw.source,
         raw.units,
         raw.first_row,
@@ -87,11 +87,11 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
             Doubt(("time",), _describe_too_close(raw, out) or str(trouble).splitlines()[0])
         )
         return
-    time_s = (tried.columns[TIME_US] - tried.columns[TIME_US][0]) / 1e6
+    time_s = (tried.columns[TIME_US_COLUMN] - tried.columns[TIME_US_COLUMN][0]) / 1e6
     columns = {
         name: column
         for name, column in tried.columns.items()
-        if is_number_column(column) and name not in (TIME_US, UTC_US_COLUMN)
+        if is_number_column(column) and name not in (TIME_US_COLUMN, UTC_US_COLUMN)
     }
     _check_row_spacing(time_s, out)
     _check_speed_units(time_s, columns, out, chosen)
@@ -166,7 +166,7 @@ def _check_speed_units(
         slips = (
             name == "wheel_speed_mps"
             and chosen[name].unit is not None
-            and SLIP_RANGE[0] < ratio < SLIP_RANGE[1]
+            and WHEEL_TO_GROUND_RATIO_RANGE[0] < ratio < WHEEL_TO_GROUND_RATIO_RANGE[1]
         )
         # The converted speed fits, so the unit from the header or the range is right.
         if unit == "m/s" or slips:
@@ -418,7 +418,7 @@ def _find_work_column(
             column.tolist() if is_text_column(column) else format_numbers(column.astype(np.float64))
         )
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
-        on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON_WORDS]
+        on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in SWITCH_ON_WORDS]
         # A column with more words is no switch.
         if len(kinds) > 6 or len(on) != 1:
             continue
@@ -435,7 +435,7 @@ def _find_work_column(
             )
         mark: float | str = float(on[0]) if on[0].removesuffix(".0").isdigit() else on[0]
         out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
-        if has_any_word(plain, EITHER_WAY_WORDS):
+        if has_any_word(plain, AMBIGUOUS_SWITCH_WORDS):
             out.doubts.append(Doubt(("working",), f"{source}: is {on[0]} working, or lifted?"))
         return Working(column=source, equals=(mark,))
     return None

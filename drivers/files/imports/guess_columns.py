@@ -42,7 +42,7 @@ from topdress.drivers.files.imports.words import (
 )
 
 # A larger number is a rotation, because no machine drives so fast in any unit of speed.
-ROTATION_SPEED = 60.0
+MIN_ROTATION_SPEED = 60.0
 # Subjects whose unit, degrees, needs no word.
 DEGREE_SUBJECTS = ("latitude", "longitude", "heading")
 # Factors of the units of effort; an effort keeps its unit, because the machine file defines its
@@ -203,7 +203,7 @@ def _is_too_fast(values: NDArray[np.float64]) -> bool:
     """Returns whether the values are too large for a ground speed."""
     moving = np.abs(values[np.isfinite(values)])
     moving = moving[moving > MOVING_MPS]
-    return bool(moving.size and np.median(moving) > ROTATION_SPEED)
+    return bool(moving.size and np.median(moving) > MIN_ROTATION_SPEED)
 
 
 def _assign_roles(candidates: list[ColumnCandidate]) -> None:
@@ -231,13 +231,13 @@ def choose_candidates(
         by_target.setdefault(one.target, []).append(one)
     chosen = {}
     for target, several in by_target.items():
-        several = sorted(several, key=lambda one: one.weight, reverse=True)
+        several = sorted(several, key=lambda one: one.rank_key, reverse=True)
         best = chosen[target] = several[0]
         # A second column with the same name is a rival too.
         rivals = [
             one.source
             for one in several[1:]
-            if one.weight == best.weight or one.source.startswith(f"{best.source} (")
+            if one.rank_key == best.rank_key or one.source.startswith(f"{best.source} (")
         ]  # of the same name
         if rivals:
             out.doubts.append(
@@ -474,7 +474,7 @@ INPUT_NAME, OUTPUT_NAME = "u", "y"
 # relations.
 MIN_FOLLOW_CORRELATION = 0.8
 # Full counts of drives' duty cycles.
-FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
+FULL_SCALE_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 
 
 def _is_following(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
@@ -497,7 +497,7 @@ def _calc_ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def calc_value_per_count(most: float, full: float) -> float:
     """Returns the value of one count of a command: its largest number `most` lies within the
     smallest usual full count, which has the value `full`."""
-    return full / next((count for count in FULL_COUNTS if most <= count), most)
+    return full / next((count for count in FULL_SCALE_COUNTS if most <= count), most)
 
 
 def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from topdress.drivers.files.columns import (
 )
 from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.mapping import Counts, Times
+from topdress.drivers.files.imports.mapping import CountedTimeUnit, Times
 from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.times import format_for_time, join_day_texts, read_time_texts
@@ -25,8 +25,8 @@ from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.imports.words import (
     COMMAND_WORDS,
     DATE_WORDS,
-    NO_TIME_WORDS,
     PLAIN_TIME_WORDS,
+    TIME_EXCLUDING_WORDS,
     TIME_WORDS,
     UTC_WORDS,
     find_subject,
@@ -56,11 +56,14 @@ _DATE_FORMATS = (
 _NUMBER_DATE_FORMATS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
 # Formats of times of day.
 _TIME_FORMATS = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
-_NUMBER_TEXT = re.compile(r"[-+]?\d+([.,]\d+)?")
+_NUMBER_PATTERN = re.compile(r"[-+]?\d+([.,]\d+)?")
 # NMEA writes a time of day in this format: 120959.00.
-_CLOCK_DIGITS = "%H%M%S%.f"
+_CLOCK_DIGITS_FORMAT = "%H%M%S%.f"
 # Date and time as fourteen digits.
-_RUN_TOGETHER, _RUN_TOGETHER_FORMAT = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
+_FOURTEEN_DIGITS, _FOURTEEN_DIGITS_FORMAT = (
+    re.compile(r"(19|20)\d{12}([.,]\d+)?"),
+    "%Y%m%d%H%M%S%.f",
+)
 # Years 1900 and 2100 in microseconds since 1970; a year such as 7 is a wrong format.
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
 # Parts of a format that are interchangeable.
@@ -90,7 +93,8 @@ def guess_times(raw: RawTable) -> TimeGuess:
     called = [
         name
         for name in raw.names
-        if has_any_word(names[name], TIME_WORDS) and not has_any_word(names[name], NO_TIME_WORDS)
+        if has_any_word(names[name], TIME_WORDS)
+        and not has_any_word(names[name], TIME_EXCLUDING_WORDS)
     ]
     dated = [
         name for name in raw.names if has_any_word(names[name], DATE_WORDS) and name not in called
@@ -162,15 +166,17 @@ def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) 
     if not even < uneven:
         return None
     zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
-    texts = format_for_time(values, _CLOCK_DIGITS)
-    if not _is_readable_as(texts, _CLOCK_DIGITS):
+    texts = format_for_time(values, _CLOCK_DIGITS_FORMAT)
+    if not _is_readable_as(texts, _CLOCK_DIGITS_FORMAT):
         return None
     if dated:
-        digits = format_for_time(raw.columns[name][:_SAMPLE_ROWS], _CLOCK_DIGITS)
+        digits = format_for_time(raw.columns[name][:_SAMPLE_ROWS], _CLOCK_DIGITS_FORMAT)
         found = _guess_with_day(raw, dated[0], digits, name, zone)
         if found is not None:
             return found
-    return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
+    return TimeGuess(
+        Times(column=name, format=_CLOCK_DIGITS_FORMAT), f"reads as {_CLOCK_DIGITS_FORMAT}"
+    )
 
 
 def _guess_from_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
@@ -178,12 +184,14 @@ def _guess_from_texts(raw: RawTable, name: str, plain: str, dated: list[str]) ->
     texts = np.strings.strip(raw.columns[name][:_SAMPLE_ROWS])
     texts = texts[texts != ""]
     zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
-    if _is_all_matching(texts, _RUN_TOGETHER) and _is_readable_as(texts, _RUN_TOGETHER_FORMAT):
+    if _is_all_matching(texts, _FOURTEEN_DIGITS) and _is_readable_as(
+        texts, _FOURTEEN_DIGITS_FORMAT
+    ):
         return TimeGuess(
-            Times(column=name, format=_RUN_TOGETHER_FORMAT, zone=zone),
-            f"reads as {_RUN_TOGETHER_FORMAT}",
+            Times(column=name, format=_FOURTEEN_DIGITS_FORMAT, zone=zone),
+            f"reads as {_FOURTEEN_DIGITS_FORMAT}",
         )
-    if not texts.size or _is_all_matching(texts, _NUMBER_TEXT):
+    if not texts.size or _is_all_matching(texts, _NUMBER_PATTERN):
         return None
     if _is_readable_as(texts, None):
         offset = read_time_texts(texts, None, None).kind == "utc"
@@ -321,7 +329,7 @@ def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
 class _CountedUnit(NamedTuple):
     """Holds the unit that numbers count, and the reason."""
 
-    counts: Counts
+    counts: CountedTimeUnit
     why: str
     doubt: str = ""
 
@@ -342,7 +350,7 @@ def _guess_by_unit(stated: str) -> _CountedUnit | None:
     unit = find_named_unit(stated)
     if unit is None or unit.quantity != "time":
         return None
-    counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]  # type: ignore[assignment]
+    counts: CountedTimeUnit = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]  # type: ignore[assignment]
     return _CountedUnit(counts, "the unit in the header")
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.drivers.files.imports.mapping import IMPORT, Column, ImportFile
+from topdress.drivers.files.imports.mapping import IMPORT_KIND, Column, ImportFile
 from topdress.drivers.files.imports.units import ColumnUnit
 from topdress.drivers.files.plain import convert_to_plain
 from topdress.drivers.files.yaml_text import dump_yaml
@@ -89,7 +89,7 @@ class ColumnCandidate:
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
-    def weight(self) -> tuple[bool, bool, bool]:
+    def rank_key(self) -> tuple[bool, bool, bool]:
         """Sort key of candidates: the log's own name, a unit, a role."""
         return self.exact, self.unit is not None or self.implied, self.role != ""
 
@@ -114,7 +114,7 @@ def format_mapping(guess: ImportGuess, head: Iterable[str]) -> str:
     mapping = guess.mapping
     lines = [f"# {line}" for line in head]
     lines += [
-        f"format: {IMPORT.format}",
+        f"format: {IMPORT_KIND.format}",
         "",
         *_format_doubts(guess, ("source", "names"), 0),
         "source:",

@@ -18,16 +18,18 @@ EMPTY_CELLS = frozenset(
 
 
 # A number with a decimal mark and digit groups of either kind.
-_NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$")
+_NUMBER_CELL = re.compile(
+    r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$"
+)
 # A date or a time of day.
-_TIME = re.compile(
+_TIME_CELL = re.compile(
     r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
     r"|^\d{8}T?\d{0,6}$"
 )
 # A name with its unit in brackets.
-_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
+_NAME_WITH_UNIT = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
 # A name whose last word may be a unit.
-_LAST_WORD = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
+_NAME_WITH_LAST_WORD = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
 # The boundary of words in `leftRpm` and `SpeedMPH`.
 _WORD_JOINT = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")
 # Endings that are units, because no word ends with them.
@@ -53,13 +55,17 @@ def split_unit_name(text: str) -> tuple[str, str | None]:
     The name is the whole cell where the unit cannot be separated from it.
     """
     plain = unicodedata.normalize("NFKC", text).strip()
-    found = _BRACKETS.match(plain)
+    found = _NAME_WITH_UNIT.match(plain)
     if found and find_named_unit(found["unit"]) is not None and found["name"]:
         return found["name"].strip(), found["unit"]
     words = _WORD_JOINT.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
     # A shapefile changes `Speed(mph)` to `Speed_mph_`.
     words = words.rstrip(" _")
-    for candidate in (_match_last_two(words), _LAST_WORD.match(words), _UNIT_ENDING.match(words)):
+    for candidate in (
+        _match_last_two(words),
+        _NAME_WITH_LAST_WORD.match(words),
+        _UNIT_ENDING.match(words),
+    ):
         if candidate is None:
             continue
         unit = find_named_unit(candidate["unit"]) or find_named_unit(
@@ -85,7 +91,7 @@ def _match_last_two(words: str) -> re.Match[str] | None:
 def is_value_cell(cell: str) -> bool:
     """Returns whether a cell is a number or a time instead of a name."""
     text = cell.strip()
-    return bool(_NUMBER.match(text)) or bool(_TIME.match(text))
+    return bool(_NUMBER_CELL.match(text)) or bool(_TIME_CELL.match(text))
 
 
 def find_table_layout(rows: Sequence[Sequence[str]]) -> TableLayout | None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from topdress.control.log_row import FILE_BEGINS
 from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.columns import Columns, count_rows, make_text_column, stack_tables
-from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, ConvertedFile
+from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN, ConvertedFile
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Join
 
@@ -55,12 +55,12 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
             shift = end_us + round(join.gap_s * 1e6) - _find_first_us(part)
         columns = dict(part.columns)
         if part.kind == "utc":
-            columns[UTC_US_COLUMN] = columns[TIME_US]
-        columns[TIME_US] = columns[TIME_US] + shift
+            columns[UTC_US_COLUMN] = columns[TIME_US_COLUMN]
+        columns[TIME_US_COLUMN] = columns[TIME_US_COLUMN] + shift
         if len(ordered) > 1:
             _mark_file_begin(columns, part.raw.path.name)
-        begins.append(int(columns[TIME_US][0]) / 1e6)
-        end_us = int(columns[TIME_US][-1])
+        begins.append(int(columns[TIME_US_COLUMN][0]) / 1e6)
+        end_us = int(columns[TIME_US_COLUMN][-1])
         tables.append(columns)
     findings = []
     if len(ordered) > 1:
@@ -76,7 +76,11 @@ def _is_joined_by_clock(parts: Sequence[ConvertedFile], join: Join) -> bool:
         return False
     ordered = sorted(parts, key=_find_first_us)
     overlap = next(
-        ((a, b) for a, b in pairwise(ordered) if int(a.columns[TIME_US][-1]) >= _find_first_us(b)),
+        (
+            (a, b)
+            for a, b in pairwise(ordered)
+            if int(a.columns[TIME_US_COLUMN][-1]) >= _find_first_us(b)
+        ),
         None,
     )
     if overlap is None:
@@ -97,7 +101,7 @@ def _has_one_epoch(parts: Sequence[ConvertedFile]) -> bool:
 
 def _find_first_us(part: ConvertedFile) -> int:
     """Returns a file's first time, microseconds."""
-    return int(part.columns[TIME_US][0])
+    return int(part.columns[TIME_US_COLUMN][0])
 
 
 def _mark_file_begin(columns: Columns, name: str) -> None:

@@ -24,7 +24,7 @@ from topdress.drivers.files.columns import (
     make_texts_array,
 )
 from topdress.drivers.files.config import calc_sha256
-from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN
+from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN
 from topdress.drivers.files.imports.join import JoinedFiles
 from topdress.drivers.files.imports.mapping import ImportFile
 from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store
@@ -37,12 +37,14 @@ def build_log_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as they are written: the columns of the run log in their order, then
     extra columns; times as texts."""
     there = log.columns
-    columns: Columns = {"time_s": make_text_column(_format_times(there[TIME_US]))}
+    columns: Columns = {"time_s": make_text_column(_format_times(there[TIME_US_COLUMN]))}
     if UTC_US_COLUMN in there:
         columns["utc"] = make_text_column(_format_utc_times(there[UTC_US_COLUMN]))
     own = [name for name in COLUMNS if name in there and name not in ("time_s", "utc")]
     beyond = [
-        name for name in there if name not in COLUMNS and name not in (TIME_US, UTC_US_COLUMN)
+        name
+        for name in there
+        if name not in COLUMNS and name not in (TIME_US_COLUMN, UTC_US_COLUMN)
     ]
     return columns | {name: _round_column(name, there[name]) for name in [*own, *beyond]}
 

@@ -11,14 +11,14 @@ from zoneinfo import ZoneInfo, available_timezones
 from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
-from topdress.drivers.files.config import Kind
+from topdress.drivers.files.config import ConfigKind
 from topdress.drivers.files.config_words import suggest_nearest
 from topdress.drivers.files.imports.units import KNOWN_UNITS, find_named_unit, find_quantity
 
 # Column of a run log with its events.
 EVENTS_COLUMN = "events"
 # Prefix of columns beyond the log's own (docs/format-run-log.md).
-EXTRA_START = "x_"
+EXTRA_COLUMN_PREFIX = "x_"
 _EXTRA_NAME = re.compile(r"^x_\w+$")
 # This column is made from the times of the file, so no key names it.
 UNMAPPED_COLUMNS = frozenset({"time_s"})
@@ -26,12 +26,12 @@ UNMAPPED_COLUMNS = frozenset({"time_s"})
 STATE_COLUMN = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
-Counts = Literal[
+CountedTimeUnit = Literal[
     "text", "s", "ms", "us", "min", "h", "unix_s", "unix_ms", "unix_us", "excel_day", "rows"
 ]
 SourceKind = Literal["text", "excel", "geojson", "shapefile", "isoxml", "parquet"]
 Name = Annotated[str, Field(min_length=1)]
-Missing = tuple[float | str, ...]
+MissingMarks = tuple[float | str, ...]
 
 
 class Source(FrozenModel):
@@ -79,7 +79,7 @@ class Times(FrozenModel):
     date_column: Annotated[
         Name | None, Field(description="the day, where column holds the time of day only")
     ] = None
-    counts: Counts = "text"
+    counts: CountedTimeUnit = "text"
     format: Annotated[
         Name | None, Field(description="of texts, as strptime has it; left out: ISO 8601")
     ] = None
@@ -126,14 +126,18 @@ class Column(FrozenModel):
     full: Annotated[
         float | None, Field(gt=0.0, description="with unit %: 100 % in the log's unit")
     ] = None
-    missing: Annotated[Missing, Field(description="numbers or texts that stand for not known")] = ()
+    missing: Annotated[
+        MissingMarks, Field(description="numbers or texts that stand for not known")
+    ] = ()
     valid: Annotated[
         tuple[float, float] | None,
         Field(description="lowest and highest number of the file that can be"),
     ] = None
 
     @classmethod
-    def from_source(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
+    def from_source(
+        cls, source: str, unit: str | None = None, missing: MissingMarks = ()
+    ) -> Column:
         """Returns a column of the file, as `from` names it."""
         return cls.model_validate({"from": source, "unit": unit, "missing": missing})
 
@@ -196,7 +200,7 @@ class ImportFile(FrozenModel):
         dict[str, Column],
         Field(
             description="log column -> where it comes from; names beyond the "
-            f"log's own begin with {EXTRA_START}"
+            f"log's own begin with {EXTRA_COLUMN_PREFIX}"
         ),
     ]
     working: Working | None = None
@@ -204,7 +208,7 @@ class ImportFile(FrozenModel):
         Literal["answer_next_row", "answer_in_row"],
         Field(description="answer_in_row: a row holds a command and what it settled at"),
     ] = "answer_next_row"
-    missing: Annotated[Missing, Field(description="stand for not known in every column")] = ()
+    missing: Annotated[MissingMarks, Field(description="stand for not known in every column")] = ()
     width_m: Annotated[
         float | None,
         Field(
@@ -238,7 +242,7 @@ class ImportFile(FrozenModel):
         return self
 
 
-IMPORT = Kind("topdress-import/1", "imports", ImportFile)
+IMPORT_KIND = ConfigKind("topdress-import/1", "imports", ImportFile)
 
 
 def is_time_zone(name: str) -> bool:
@@ -262,7 +266,7 @@ def _check_column_name(name: str) -> None:
         raise ValueError(
             f"columns.{name}: no column of a run log: allowed are those of "
             "docs/format-run-log.md, and "
-            f"names that begin with {EXTRA_START}{suggest_nearest(name, COLUMNS)}"
+            f"names that begin with {EXTRA_COLUMN_PREFIX}{suggest_nearest(name, COLUMNS)}"
         )
 
 
@@ -281,7 +285,7 @@ def _check_column_unit(
     quantity = find_quantity(name)
     if column.full is not None and (unit is None or unit.name != "%"):
         raise ValueError(f"{where}.full {column.full:g}: allowed with unit % only")
-    if unit is None or name.startswith(EXTRA_START):
+    if unit is None or name.startswith(EXTRA_COLUMN_PREFIX):
         return
     if unit.name == "%" and quantity != "share":
         if column.full is None and name not in WHOLE_COLUMNS and quantity is not None:

@@ -20,14 +20,14 @@ SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in KNOWN_UNITS if unit.qu
 # Number of rows within which an answer is searched.
 MAX_LAG_ROWS = 40
 # Number of changes of a command that are needed to find its answer.
-MIN_CHANGES = 8
+MIN_COMMAND_CHANGES = 8
 # Smallest correlation between steps of command and answer.
 MIN_CORRELATION = 0.3
 # Share of the best correlation above which a lag counts as equal. Repeating commands agree at many
 # lags, and the shortest lag is chosen.
 EQUAL_CORRELATION_SHARE = 0.98
 # Number of known rows from which a command may be a table of settings.
-MIN_SETTINGS = 4
+MIN_SETTING_ROWS = 4
 
 
 class CommandAnswer(NamedTuple):
@@ -65,10 +65,10 @@ def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
     None for too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
-    if command.size < MIN_CHANGES + 2:
+    if command.size < MIN_COMMAND_CHANGES + 2:
         return None
     steps, moves = np.diff(command), np.diff(reading)
-    if np.count_nonzero(steps) < MIN_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
+    if np.count_nonzero(steps) < MIN_COMMAND_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
         return None
     # The lag is at most a quarter of the steps, so that enough of them overlap.
     most = min(MAX_LAG_ROWS, steps.size // 4)
@@ -86,7 +86,7 @@ def is_settings_table(time_s: Floats, command: Floats) -> bool:
     """Returns whether a command (n,), some of it unknown, is a table of settings, one in
     each row."""
     known = command[np.isfinite(command)]
-    return known.size >= MIN_SETTINGS and is_command_per_row(time_s, known)
+    return known.size >= MIN_SETTING_ROWS and is_command_per_row(time_s, known)
 
 
 def calc_answer_slope(command: Floats, reading: Floats) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import (
-    BLOCK_ROWS,
+    MAX_BLOCK_ROWS,
     Columns,
     count_rows,
     make_text_column,
@@ -36,10 +36,10 @@ from topdress.drivers.files.imports.import_errors import LogImportError, TableEr
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.numbers import parse_number_cells
 from topdress.drivers.files.imports.raw import RawTable, make_unique, split_header
-from topdress.drivers.files.limits import LINE, check_text
+from topdress.drivers.files.limits import LINE_LIMIT, check_text
 
 # Byte order marks of UTF-16.
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
@@ -48,14 +48,14 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
 
     Zero bytes, which a power loss leaves, are not counted; UTF-16 is unchanged.
     """
-    long = [] if data.startswith(_UTF16) else _find_long_lines(data)
+    long = [] if data.startswith(_UTF16_MARKS) else _find_long_lines(data)
     if not long:
         return data, []
     starts_at = data.count(b"\n", 0, long[0][0]) + 1
     said = Finding(
         "long_row",
         f"{many(len(long))} left out, the first in line {starts_at} with "
-        f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE.most:,}",
+        f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE_LIMIT.most:,}",
         rows=len(long),
     )
     ends = [0, *(min(end + 1, len(data)) for _start, end in long)]
@@ -71,14 +71,14 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
 def _find_long_lines(data: bytes) -> list[tuple[int, int]]:
     """Returns the first byte and line end of each long line. A long line has no line end in a half
     as long window, so only such windows are searched."""
-    half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
+    half, place, found = LINE_LIMIT.most // 2, 0, list[tuple[int, int]]()
     while place + half <= len(data):
         if data.find(b"\n", place, place + half) >= 0:
             place += half
             continue
         start, end = data.rfind(b"\n", 0, place) + 1, data.find(b"\n", place)
         end = len(data) if end < 0 else end
-        if start > 0 and end - start - data.count(b"\0", start, end) > LINE.most:
+        if start > 0 and end - start - data.count(b"\0", start, end) > LINE_LIMIT.most:
             found.append((start, end))
         place += half * max(1, (end - place) // half)
     return found
@@ -295,7 +295,7 @@ class _EvenRows:
             if len(cells) != self._width and not self._trim_row(cells):
                 continue
             block.append(cells)
-            if len(block) == BLOCK_ROWS:
+            if len(block) == MAX_BLOCK_ROWS:
                 self.count += len(block)
                 yield block
                 block = []

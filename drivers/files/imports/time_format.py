@@ -19,25 +19,25 @@ WholeNumbers = NDArray[np.int64]
 # Parts of a format that contain the date.
 DAY_PARTS = re.compile("%[djeyYFDs]")
 # Abbreviations for several parts (POSIX).
-_WRITTEN_OUT = {"%F": "%Y-%m-%d", "%D": "%m/%d/%y", "%T": "%H:%M:%S", "%R": "%H:%M"}
+_EXPANSION_OF_PART = {"%F": "%Y-%m-%d", "%D": "%m/%d/%y", "%T": "%H:%M:%S", "%R": "%H:%M"}
 # Parts that are read as another part.
-_ANOTHER_NAME = {"e": "d", "k": "H", "l": "I", "P": "p", "h": "b"}
+_SYNONYM_OF_PART = {"e": "d", "k": "H", "l": "I", "P": "p", "h": "b"}
 _MONTHS = (
     "january february march april may june july august september october november december"
 ).split()
 # Months in English, whole or by three letters.
-_NAMES = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
+_MONTH_PATTERN = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
 # A possessive quantifier keeps the digits of a part, so that matching needs no backtracking.
 _TWO_DIGITS = r"\s*+(\d{1,2}+)"
 # Each part as a regular expression.
-_PATTERNS = {
+_PATTERN_OF_PART = {
     "Y": r"\s*+([+-]\d++|\d{1,4}+)",
     **dict.fromkeys(("y", "m", "d", "H", "I", "M", "S"), _TWO_DIGITS),
     "j": r"\s*+(\d{1,3}+)",
     "s": r"\s*+(-?\d++)",
     "p": "((?i:[ap]m))",
-    "b": _NAMES,
-    "B": _NAMES,
+    "b": _MONTH_PATTERN,
+    "B": _MONTH_PATTERN,
     # A fraction of a second, with or without its point.
     ".f": r"(?:\.(\d++))?+",
     "f": r"(\d++)",
@@ -47,10 +47,10 @@ _PATTERNS = {
 # Parts that are ignored: the day's name, and the zone's name (offsets are removed before).
 _IGNORED_PARTS = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
 # A part, blanks, or any other letter.
-_PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
+_FORMAT_PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
 # Bounds of each part; a leap second is 60.
-_LOWEST = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
-_HIGHEST = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
+_MIN_OF_PART = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
+_MAX_OF_PART = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
 # First year in two digits that belongs to the previous century (strptime: 69).
 _CENTURY_PIVOT = 70
 
@@ -96,13 +96,13 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
 @lru_cache(maxsize=512)
 def _compile_format(form: str) -> _FormatPattern:
     """Returns the pattern of a format. Raises LogImportError."""
-    for short, long in _WRITTEN_OUT.items():
+    for short, long in _EXPANSION_OF_PART.items():
         form = form.replace(short, long)
     pattern, parts = "", list[str]()
-    for part, space, letter in _PART.findall(form):
-        part = _ANOTHER_NAME.get(part, part)
-        if part in _PATTERNS:
-            pattern += _PATTERNS[part]
+    for part, space, letter in _FORMAT_PART.findall(form):
+        part = _SYNONYM_OF_PART.get(part, part)
+        if part in _PATTERN_OF_PART:
+            pattern += _PATTERN_OF_PART[part]
             parts.append("f" if part.endswith("f") else "b" if part == "B" else part)
         elif part in _IGNORED_PARTS:
             pattern += _IGNORED_PARTS[part]
@@ -110,7 +110,9 @@ def _compile_format(form: str) -> _FormatPattern:
             pattern += r"\s*+"
         else:
             pattern += re.escape(part or letter)
-        if (part and part not in (*_PATTERNS, *_IGNORED_PARTS)) or (not part and letter == "%"):
+        if (part and part not in (*_PATTERN_OF_PART, *_IGNORED_PARTS)) or (
+            not part and letter == "%"
+        ):
             raise _make_format_error(form)
     if len(set(parts)) < len(parts) or not parts or _is_half_given(set(parts)):
         raise _make_format_error(form)
@@ -136,8 +138,8 @@ def _calc_microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
     }
     good = np.ones(rows, np.bool_)
     for part, values in found.items():
-        if part in _LOWEST:
-            good &= (values >= _LOWEST[part]) & (values <= _HIGHEST[part])
+        if part in _MIN_OF_PART:
+            good &= (values >= _MIN_OF_PART[part]) & (values <= _MAX_OF_PART[part])
     fraction_us = [int(text[:6].ljust(6, "0")) for text in cells.get("f", ())]
     if "s" in found:
         seconds = found["s"]

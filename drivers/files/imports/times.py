@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.times import SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
 from topdress.drivers.files.columns import (
-    BLOCK_ROWS,
+    MAX_BLOCK_ROWS,
     count_microseconds,
     count_rows,
     format_numbers,
@@ -40,7 +40,7 @@ _WITHOUT_SECONDS = re.compile(r"(\S+ \d{1,2}:\d{2})")
 _DAY_US = 86_400_000_000
 _MINUTE_US = 60_000_000
 # Microseconds of each unit.
-_STEPS_US = {
+_US_OF_UNIT = {
     "s": 1e6,
     "ms": 1e3,
     "us": 1.0,
@@ -107,7 +107,7 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
         ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
         found = _apply_time_zone(ms * 1000.0, times.zone)
     else:
-        us = np.round(found_numbers * _STEPS_US[times.counts])
+        us = np.round(found_numbers * _US_OF_UNIT[times.counts])
         found = FileClock(us, "utc" if times.counts.startswith("unix") else "relative")
     _check_read_times(table, times, found.us)
     return found
@@ -116,8 +116,8 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
 def read_time_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
     """Returns times written as texts; an offset at their end (Z, +08:00) overrides `zone`. `form`
     None means ISO 8601."""
-    starts = range(0, max(len(column), 1), BLOCK_ROWS)
-    blocks = [_read_time_block(column[start : start + BLOCK_ROWS], form) for start in starts]
+    starts = range(0, max(len(column), 1), MAX_BLOCK_ROWS)
+    blocks = [_read_time_block(column[start : start + MAX_BLOCK_ROWS], form) for start in starts]
     us = np.concatenate([block.us for block in blocks])
     if not DAY_PARTS.search(form or ISO_FORMAT):
         # Times of day continue after midnight with the next day.

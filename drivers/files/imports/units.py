@@ -192,7 +192,7 @@ _RATE_RATIO = re.compile(
 RATE_QUANTITIES = ("rate", "volume", "nitrogen", "count")
 
 _UNIT_BY_NAME = {unit.name: unit for unit in KNOWN_UNITS}
-_SPELLINGS = {unit.name: unit for unit in KNOWN_UNITS} | {
+_UNIT_BY_SPELLING = {unit.name: unit for unit in KNOWN_UNITS} | {
     spelling: unit
     for unit in reversed(KNOWN_UNITS)
     for spelling in (unit.name.lower(), *unit.other)
@@ -231,8 +231,8 @@ def find_named_unit(text: str) -> ColumnUnit | None:
     plain = _normalise_text(text)
     return (
         _UNIT_BY_NAME.get(plain)
-        or _SPELLINGS.get(plain)
-        or _SPELLINGS.get(plain.lower())
+        or _UNIT_BY_SPELLING.get(plain)
+        or _UNIT_BY_SPELLING.get(plain.lower())
         or _find_ratio_unit(plain.lower())
     )
 

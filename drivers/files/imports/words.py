@@ -262,13 +262,13 @@ TIME_WORDS = _split_words(
 )
 PLAIN_TIME_WORDS = TIME_WORDS[:6]
 # Words that exclude a time despite a word of time.
-NO_TIME_WORDS = _split_words("lag zeitzone timezone")
+TIME_EXCLUDING_WORDS = _split_words("lag zeitzone timezone")
 DATE_WORDS = _split_words("=date =datum 日期 =fecha =tag =day")
 UTC_WORDS = _split_words("utc gmt zulu")
 # Words of switches that may be on when raised, or on when lowered.
-EITHER_WAY_WORDS = _split_words("=lift hubwerk raised gehoben stop aus")
+AMBIGUOUS_SWITCH_WORDS = _split_words("=lift hubwerk raised gehoben stop aus")
 # Words of a switch that is on.
-ON_WORDS = _split_words(
+SWITCH_ON_WORDS = _split_words(
     "1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged"
 )
 
@@ -420,7 +420,7 @@ def has_time_column(names: Iterable[str]) -> bool:
     """Returns whether one of a table's columns is a time, by the names in the file."""
     return any(
         has_any_word(fold_column_name(name), TIME_WORDS)
-        and not has_any_word(fold_column_name(name), NO_TIME_WORDS)
+        and not has_any_word(fold_column_name(name), TIME_EXCLUDING_WORDS)
         for name in names
     )
 

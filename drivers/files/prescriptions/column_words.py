@@ -20,7 +20,7 @@ from topdress.drivers.files.imports.words import (
 )
 from topdress.drivers.files.stated_units import ANY_COLUMN, StatedUnit, StatedUnits, is_unit_name
 
-_NUMBER = re.compile(
+_NUMBER_WITH_UNIT = re.compile(
     r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$"
 )
 
@@ -47,7 +47,7 @@ def parse_cell(value: Any) -> Cell | None:
     text = value.strip()
     if text.casefold() in EMPTY_CELLS:
         return Cell(math.nan)
-    found = _NUMBER.match(text)
+    found = _NUMBER_WITH_UNIT.match(text)
     number = None if found is None else _parse_number(re.sub(r"['’\s]", "", found["number"]))
     return None if found is None or number is None else Cell(number, (found["unit"] or "").strip())
 

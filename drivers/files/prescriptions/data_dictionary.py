@@ -5,7 +5,7 @@ messages.
 from __future__ import annotations
 
 # Quantities to which a machine can be set; each has five identifiers, from the set-point on.
-_QUANTITIES = {
+_QUANTITY_OF_DDI = {
     1: "volume per area",
     6: "mass per area",
     11: "count per area",
@@ -22,9 +22,9 @@ _QUANTITIES = {
     66: "working width",
 }
 # The order of those five identifiers.
-_KINDS = ("wanted", "applied", "by default", "at least", "at most")
+_ROLES_OF_DDI = ("wanted", "applied", "by default", "at least", "at most")
 # Further identifiers that task files often contain.
-_OTHERS = {
+_OTHER_DDIS = {
     80: "total volume",
     81: "total mass",
     82: "total count",
@@ -35,7 +35,7 @@ _OTHERS = {
 
 def describe_ddi(ddi: int) -> str:
     """Returns an identifier in words: `DDI 0006 (mass per area, wanted)`."""
-    begin = ddi - (ddi - 1) % len(_KINDS)
-    quantity = _QUANTITIES.get(begin)
-    words = _OTHERS.get(ddi) or (quantity and f"{quantity}, {_KINDS[ddi - begin]}")
+    begin = ddi - (ddi - 1) % len(_ROLES_OF_DDI)
+    quantity = _QUANTITY_OF_DDI.get(begin)
+    words = _OTHER_DDIS.get(ddi) or (quantity and f"{quantity}, {_ROLES_OF_DDI[ddi - begin]}")
     return f"DDI {ddi:04X} ({words or 'no name known here'})"

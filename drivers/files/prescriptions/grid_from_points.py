@@ -57,14 +57,14 @@ _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
 # Distance below which points are at the same position, m.
 SAME_PLACE_M = 0.01
 # Share of a cell by which a point may deviate from its centre, because degrees are rounded.
-MAX_OFF_CELLS = 0.25
+MAX_CENTRE_OFFSET_CELLS = 0.25
 # Share of the nearest points' distance above which a step leads to the next row.
-ROW_STEP_SHARE = 0.3
+MIN_ROW_STEP_SHARE = 0.3
 # Share of the points that must have a neighbour in their row, and in their column.
-NEIGHBOUR_SHARE = 0.8
+MIN_NEIGHBOUR_SHARE = 0.8
 # Radius in cells around the middle on which the grid is fitted first; the radius doubles in each
 # round.
-FIRST_FIT_CELLS = 4.0
+FIRST_FIT_RADIUS_CELLS = 4.0
 # Ratio of length to width of a cell above which the points are tracks of a machine.
 MAX_CELL_RATIO = 10.0
 
@@ -303,7 +303,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
     along, aside = (axis * _find_row_spacing(places @ axis, apart) for axis in axes)
     middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
     away = np.hypot(*(places - middle).T)
-    reach, origin = FIRST_FIT_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
+    reach, origin = FIRST_FIT_RADIUS_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
     # The fit begins in the middle, because far points get the right cell only from a well-fitted
     # spacing.
     while True:
@@ -315,11 +315,11 @@ def fit_point_grid(places: Floats) -> PointGrid:
     exact = (places - origin) @ np.linalg.inv(np.array([along, aside]))
     cells = np.rint(exact).astype(np.int64)
     off = float(np.abs(exact - cells).max())
-    if off > MAX_OFF_CELLS:
+    if off > MAX_CENTRE_OFFSET_CELLS:
         raise NoGridError(
             "a point lies {off:.2f} of a cell off its middle: {most} is the most",
             off=off,
-            most=MAX_OFF_CELLS,
+            most=MAX_CENTRE_OFFSET_CELLS,
         )
     wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
     _check_grid_cells(cells, wide, high)
@@ -331,7 +331,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
 def _find_row_spacing(along: Floats, apart: float) -> float:
     """Returns the distance between rows, m, of positions (n,) along an axis."""
     steps = np.diff(np.sort(along))
-    rows = steps[steps > ROW_STEP_SHARE * apart]
+    rows = steps[steps > MIN_ROW_STEP_SHARE * apart]
     if not len(rows):
         raise NoGridError("all points lie in one row")
     return float(np.median(rows))
@@ -359,7 +359,7 @@ def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> Non
         )
     for i, j in ((1, 0), (0, 1)):
         joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
-        if joined < NEIGHBOUR_SHARE * len(there):
+        if joined < MIN_NEIGHBOUR_SHARE * len(there):
             raise NoGridError(
                 "{count} of {total} points have none next to them",
                 count=len(there) - joined,

@@ -21,7 +21,7 @@ from topdress.control.targets.rate_map import Floats
 SEMI_MAJOR_M = 6_378_137.0
 INVERSE_FLATTENING = (298.2572, 298.2573)
 # A quoted text, a word, a number or a bracket.
-_TOKEN = re.compile(
+_WKT_TOKEN = re.compile(
     r'\s*(?:"([^"]*)"|([A-Za-z_][A-Za-z_0-9]*)|([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)|([\[\](),]))'
 )
 
@@ -192,7 +192,7 @@ def parse_projection(text: str) -> TransverseMercator | None:
     ValueError : the coordinates cannot be used; the message names them and the reason.
     """
     try:
-        node = _parse_node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
+        node = _parse_node([match.groups() for match in _WKT_TOKEN.finditer(text)], 0)[0]
     except (ValueError, IndexError):
         raise ValueError("unknown coordinates: not well-known text") from None
     if node.key == "GEOGCS":

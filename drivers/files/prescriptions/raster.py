@@ -15,7 +15,7 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.extras import format_extra_line
 from topdress.drivers.files.layers import find_projection
-from topdress.drivers.files.limits import RASTER_CELLS, check_limit
+from topdress.drivers.files.limits import RASTER_CELLS_LIMIT, check_limit
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.projected import Projection
 from topdress.drivers.files.prescriptions.words import (
@@ -72,9 +72,9 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
     projection = find_projection(
         file.crs.to_wkt(version="WKT1_GDAL"), path, np.array([(west, south), (east, north)])
     )
-    check_limit(RASTER_CELLS, file.width * file.height * file.count, path)
+    check_limit(RASTER_CELLS_LIMIT, file.width * file.height * file.count, path)
     check_limit(
-        RASTER_CELLS,
+        RASTER_CELLS_LIMIT,
         max(high * wide for high, wide in file.block_shapes),
         PlaceInFile(str(path)).go_down("a tile"),
     )

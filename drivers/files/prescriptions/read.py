@@ -120,7 +120,7 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
 
         if has_polygon_text(path):
             return read_csv_zones(path, choice)
-        if suffix == ".csv" or FileContent(path).holds == "map":
+        if suffix == ".csv" or FileContent(path).content_kind == "map":
             return read_point_grid(path, choice)
     return _read_from_folder(path, choice)
 

@@ -157,14 +157,14 @@ def write_map_layers(data: MapData, path: Path) -> None:
 
 
 # Foreign member for content that GeoJSON cannot express.
-OWN_MEMBER = "topdress"
+TOPDRESS_MEMBER = "topdress"
 
 
 def read_geojson_map(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a FeatureCollection of (multi)polygons. Raises RefusedInput,
     OSError."""
     layer = read_geojson(path, POLYGON_TYPES, strict=True)
-    ours = layer.about.get(OWN_MEMBER)
+    ours = layer.about.get(TOPDRESS_MEMBER)
     fallbacks, fields = (
         _read_own_member(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
     )
@@ -192,9 +192,11 @@ def _read_own_member(
             for rings in ours.get("fields") or ()
         )
     except (TypeError, ValueError) as error:
-        raise PrescriptionError(path, "{member}: {why}", member=OWN_MEMBER, why=error) from None
+        raise PrescriptionError(
+            path, "{member}: {why}", member=TOPDRESS_MEMBER, why=error
+        ) from None
     for name, value in fallbacks._asdict().items():
         place = PlaceInFile(str(path))
-        key = f"{OWN_MEMBER}: {name}"
+        key = f"{TOPDRESS_MEMBER}: {name}"
         check_rate_kg_ha(value, partial(place.go_down, "{key}", key=key))
     return fallbacks, fields

@@ -16,14 +16,14 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import (
-    Files,
+    ArchiveFiles,
     Folder,
     choose_names,
     find_parent_folder,
     open_archive,
 )
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.limits import REFERENCES, XML, check_limit
+from topdress.drivers.files.limits import REFERENCES_LIMIT, XML_LIMIT, check_limit
 from topdress.drivers.files.prescriptions.words import PrescriptionError, RateQuestion
 from topdress.drivers.files.run_meta import find_software_version
 from topdress.drivers.files.xml_text import XmlError, XmlTotal, parse_xml_root
@@ -34,7 +34,7 @@ class TaskSet:
     """Names a task set. `inside` is the folder of the task file within `files`, with its slash;
     empty for the top. `label` is the name in messages."""
 
-    files: Files
+    files: ArchiveFiles
     inside: str
     label: str
 
@@ -111,7 +111,7 @@ def read_task_tree(files: TaskSet) -> ElementTree.Element:
             files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag
         )
     references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
-    check_limit(REFERENCES, len(references), files.label)
+    check_limit(REFERENCES_LIMIT, len(references), files.label)
     for name in dict.fromkeys(references):
         more = files.read(name)
         if more is None:
@@ -123,7 +123,7 @@ def read_task_tree(files: TaskSet) -> ElementTree.Element:
 def _parse_limited_xml(data: bytes, label: str, total: XmlTotal) -> ElementTree.Element:
     """Returns the root of an XML file, within the limits of the whole set. Raises RefusedInput."""
     total.bytes += len(data)
-    check_limit(XML, total.bytes, total.label)
+    check_limit(XML_LIMIT, total.bytes, total.label)
     try:
         return parse_xml_root(data, label, total)
     except XmlError as error:

@@ -20,7 +20,7 @@ from topdress.control.targets.prescription import (
 )
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.prescriptions.shapes import OWN_MEMBER
+from topdress.drivers.files.prescriptions.shapes import TOPDRESS_MEMBER
 from topdress.drivers.files.prescriptions.task_files import (
     WGS84_PRJ,
     add_polygon_element,
@@ -35,7 +35,7 @@ from topdress.drivers.files.prescriptions.words import PrescriptionError
 # Steps of DDI 6 are mg/m2; 100 of them are 1 kg/ha.
 MG_M2_PER_KG_HA = 100.0
 # Codes of the task's zones.
-DEFAULT_ZONE, LOST_ZONE, OUTSIDE_ZONE, CELL_ZONE = "0", "1", "2", "3"
+DEFAULT_ZONE_CODE, LOST_ZONE_CODE, OUTSIDE_ZONE_CODE, CELL_ZONE_CODE = "0", "1", "2", "3"
 # Codes after the three fallbacks belong to rates.
 FIRST_RATE_CODE = 3
 # Number of codes 0 to 254 minus the three fallbacks.
@@ -110,9 +110,9 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
         B=clean_task_name(data.title) or "prescription",
         G="1",
         # H, I and J name the zones for places outside of all others.
-        H=DEFAULT_ZONE,
-        I=LOST_ZONE,
-        J=OUTSIDE_ZONE,
+        H=DEFAULT_ZONE_CODE,
+        I=LOST_ZONE_CODE,
+        J=OUTSIDE_ZONE_CODE,
     )
     if data.fields_deg:
         alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
@@ -126,9 +126,9 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     files: dict[str, bytes] = {}
     fallbacks = data.fallbacks
     for code, title, rate in (
-        (DEFAULT_ZONE, "default", fallbacks.default_kg_ha),
-        (LOST_ZONE, "position lost", fallbacks.lost_kg_ha),
-        (OUTSIDE_ZONE, "out of field", fallbacks.outside_kg_ha),
+        (DEFAULT_ZONE_CODE, "default", fallbacks.default_kg_ha),
+        (LOST_ZONE_CODE, "position lost", fallbacks.lost_kg_ha),
+        (OUTSIDE_ZONE_CODE, "out of field", fallbacks.outside_kg_ha),
     ):
         _add_rate_value(SubElement(task, "TZN", A=code, B=title), rate, data)
     if data.grid is not None:
@@ -189,7 +189,7 @@ def _add_rate_grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
         elsewhere = (
             data.fallbacks.default_kg_ha if data.fields_deg else data.fallbacks.outside_kg_ha
         )
-        _add_rate_value(SubElement(task, "TZN", A=CELL_ZONE, B="cell"), 0.0, data)
+        _add_rate_value(SubElement(task, "TZN", A=CELL_ZONE_CODE, B="cell"), 0.0, data)
         cells = (
             np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA))
             .astype("<i4")
@@ -209,7 +209,7 @@ def _add_rate_grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
         I="1" if few else "2",
     )
     if not few:
-        grid_element.set("J", CELL_ZONE)
+        grid_element.set("J", CELL_ZONE_CODE)
     return cells
 
 
@@ -247,7 +247,7 @@ def _write_geojson(data: MapData, path: Path) -> None:
             {
                 "type": "FeatureCollection",
                 "name": data.title,
-                OWN_MEMBER: ours,
+                TOPDRESS_MEMBER: ours,
                 "features": features,
             },
             ensure_ascii=False,

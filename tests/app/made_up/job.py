@@ -29,11 +29,11 @@ from topdress.control.field.job import make_rule
 from topdress.control.machine.machine import Adopted
 from topdress.control.targets.map_check import MapCheck
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.kinds import CROP_KIND
 from topdress.drivers.files.setup import load_setup
 
 NOMINAL = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-DURUM = load_config("osu_durum_2006", CROP).model  # which has nothing to be warned of
+DURUM = load_config("osu_durum_2006", CROP_KIND).model  # which has nothing to be warned of
 OF_CROP = {
     "name": "winter wheat",
     "flag": "",
