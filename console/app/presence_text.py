@@ -75,9 +75,7 @@ def describe_kind(one: AttachedConsole) -> str:
     return _("{kind}, silent: does not keep the machine working").format(kind=kind)
 
 
-def describe_given_order(
-    one: ExecutedOrder, frame: Frame, own: str, utc_offset_s: float
-) -> str:
+def describe_given_order(one: ExecutedOrder, frame: Frame, own: str, utc_offset_s: float) -> str:
     """Return an order with its console and time of day."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(

@@ -85,9 +85,7 @@ def _describe_open_question(path: Path, questions: Sequence[str]) -> str:
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
-def make_log_overlay(
-    log: RunLog, plane: TangentPlane, width_m: float, frame: Frame
-) -> OverlayFile:
+def make_log_overlay(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> OverlayFile:
     """Returns a log of any program as an overlay on a plane. `width_m` is the width of the covered
     ground for a log without a width."""
     from topdress.console.services.replay_frames import make_frames
