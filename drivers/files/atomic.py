@@ -26,20 +26,24 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
     OSError : the folder cannot be written; the old file is then unchanged.
     """
     data = content.encode() if isinstance(content, str) else content
+    # The temporary file is in the same folder, because a rename between disks is not atomic.
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
+            # Python's buffer must be empty before the system writes its own to the disk.
             file.flush()
             if kept:
                 os.fsync(file.fileno())
         # mkstemp creates files that only their owner can read.
         os.chmod(name, 0o666 & ~_FILE_UMASK)
         os.replace(name, path)
+    # A cancelled write must leave no temporary file behind.
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+    # The rename itself is durable only after the folder is written.
     if kept:
         _sync_folder(path.parent)
 
@@ -85,8 +89,10 @@ class NewFile:
         self.path = path
         self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
         if go_on_at is not None:
+            # The file may be shorter than recorded after a power loss.
             end = min(go_on_at, os.fstat(self._file.fileno()).st_size)
             begin = self._file.seek(max(0, end - MAX_LINE_BYTES))
+            # The last line may be incomplete, so writing continues after the last whole line.
             self._file.truncate(begin + (self._file.read(end - begin) or b"").rfind(b"\n") + 1)
             self._file.seek(0, os.SEEK_END)
 
@@ -94,6 +100,7 @@ class NewFile:
         """Returns the number of bytes written, perhaps fewer than given. Raises CutShortError where
         they would follow a hole, OSError."""
         left = os.fstat(self._file.fileno()).st_size
+        # Writing after a removed part would leave zero bytes in the middle of the log.
         if left < self._file.tell():
             raise CutShortError(left)
         return self._file.write(data) or 0
@@ -102,6 +109,7 @@ class NewFile:
         """Returns when everything written would survive a power loss. Raises OSError, also where
         the file was deleted."""
         os.fsync(self._file.fileno())
+        # A deleted file still accepts bytes, which nobody could read.
         if not self.is_in_place:
             raise OSError("the file was deleted, or is no longer where it was started")
 
@@ -110,6 +118,7 @@ class NewFile:
         """Returns whether the file at `path` is still this file: not deleted, not moved, and not on
         a disk that was removed and returned."""
         try:
+            # Device and inode identify the file, even if another file has taken its name.
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path))
         except OSError:
             return False
@@ -134,10 +143,12 @@ def create_new_file(path: Path, overwrite: bool = False) -> NewFile:
     while True:
         place = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         number += 1
+        # A sidecar without its log reserves the name, because it would describe a new log wrongly.
         if find_sidecar(place).exists():
             continue
         try:
             return NewFile(place)
+        # Another process may have created the file between the test and the creation.
         except FileExistsError:
             continue
 
@@ -167,6 +178,7 @@ def _sync_folder(folder: Path) -> None:
         return
     try:
         os.fsync(handle)
+    # Network disks refuse to sync a folder.
     except OSError:
         pass
     finally:

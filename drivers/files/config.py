@@ -73,6 +73,7 @@ def load_config(
     ConfigError : a line for each error.
     """
     path = resolve_config_path(where, [kind.folder], base)
+    # The checksum is computed from the same bytes that are parsed, even if the file changes later.
     data, lines, sha256 = _read_config(path)
     return LoadedConfig(_validate_data(data, kind, str(path), lines), path, sha256)
 
@@ -85,6 +86,7 @@ def load_any_config(
     path = resolve_config_path(where, [kind.folder for kind in kinds.values()])
     data, lines, sha256 = _read_config(path)
     label = str(path)
+    # The message lists all formats, because a typing error is the usual reason.
     allowed = ", ".join(kinds)
     found = data.get("format")
     if found is None:
@@ -110,6 +112,7 @@ def validate_config(data: Mapping[str, Any], kind: ConfigKind[M], label: str) ->
 def save_config(path: Path, model: BaseModel, kind: ConfigKind[Any], comment: str = "") -> None:
     """Writes a configuration that `load_config` reads back to an equal model, completely or not at
     all. Raises OSError."""
+    # The format comes first, so that a reader recognises the file.
     data = {"format": kind.format} | convert_to_plain(model)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + dump_yaml(data))
@@ -119,7 +122,10 @@ def make_json_schema(kind: ConfigKind[Any]) -> dict[str, Any]:
     """Returns the JSON schema (2020-12) of a kind, with its `format` field, for editors."""
     body = make_model_schema(kind.model)
     properties = {"format": {"const": kind.format}} | {
-        k: v for k, v in body.get("properties", {}).items() if k != "format"
+        # The format is fixed by the kind, not by the model.
+        k: v
+        for k, v in body.get("properties", {}).items()
+        if k != "format"
     }
     required = ["format", *(k for k in body.get("required", []) if k != "format")]
     return {
@@ -148,6 +154,7 @@ def resolve_config_path(
     """Returns the path of a path or of a shipped name (without folder and .yaml). Raises
     ConfigError."""
     text = str(where)
+    # A name without folder and suffix is a shipped file; everything else is a path.
     if (
         isinstance(where, Path)
         or "/" in text
@@ -157,6 +164,8 @@ def resolve_config_path(
         path = Path(where)
         return base / path if base is not None else path
     names = {name: path for folder in folders for name, path in find_shipped_files(folder).items()}
+    # A file with this name in the working folder was probably meant, so the message says how to
+    # name it.
     if text not in names and Path(text).exists():
         raise ConfigError(
             [
@@ -192,11 +201,13 @@ def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
             [f"{label}: too large for a configuration: allowed {CONFIG_LIMIT.most} bytes"]
         )
     try:
+        # Editors on Windows add a byte order mark.
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError([f"{label}: byte {error.start + 1}: not UTF-8 text"]) from None
     try:
         data, lines = parse_yaml(text)
+        # The test finds values that JSON cannot express before the validation uses JSON.
         json.dumps(data)
     except (YamlError, TypeError) as problem:
         raise ConfigError([f"{label}: {problem}"]) from None
@@ -216,6 +227,7 @@ def _validate_data(
     if found != kind.format:
         at = f" (line {lines[('format',)]})" if ("format",) in lines else ""
         raise ConfigError([f"{label}: key format: value {found}: allowed {kind.format}{at}"])
+    # Older files are converted first, so that errors refer to present keys.
     data = kind.of_today(data)
     if "format" not in kind.model.model_fields:
         data = {k: v for k, v in data.items() if k != "format"}

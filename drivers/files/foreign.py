@@ -66,6 +66,7 @@ def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
     """Returns the header with the published names, where a column has another well-known name,
     different case or a unit. Of several time columns one becomes `time_s`, seconds before dates."""
     plain = [name.strip().lower() for name in names]
+    # A column of seconds is preferred to a column of dates, because it needs no parsing.
     times = (
         {}
         if {"time_s", "t_s"} & set(plain)
@@ -83,6 +84,7 @@ def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
 def find_needed_columns(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
     """Returns the columns that must be read so that the requested columns are the same as after
     reading all."""
+    # These columns are evidence for the unit of the time, so they are always read.
     evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEED_COLUMNS}
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
@@ -104,6 +106,7 @@ def examine_columns(
     """
     columns, from_kmh = _add_speed_from_kmh(columns)
     findings: list[Finding] = []
+    # Time comes first, because all further corrections depend on it.
     columns = {**columns, "time_s": find_time_column(path, columns, names, findings)}
     utc = columns.get("utc")
     try:
@@ -121,6 +124,7 @@ def examine_columns(
 
 def _add_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
     speed_kmh = columns.get(_KMH_COLUMN)
+    # A measured speed in m/s is never replaced.
     if speed_kmh is None or "speed_mps" in columns or speed_kmh.dtype == object:
         return columns, []
     found = Finding("speed_from_kmh", f"speed_mps computed from column {_KMH_COLUMN}", "speed_mps")
@@ -136,6 +140,7 @@ def _report_missing(columns: Columns, names: Collection[str]) -> list[Finding]:
     findings = []
     for use in _COLUMN_USES:
         absent = [name for name in use.columns if name not in known]
+        # Columns that may replace each other are missing only if all are missing.
         if absent and (use.all_needed or len(absent) == len(use.columns)):
             text = (
                 f"no {' and no '.join(absent) if use.all_needed else ' or '.join(absent)}: "
@@ -170,12 +175,15 @@ def find_time_column(
     if "time_s" in columns:
         return _convert_dates(columns["time_s"], findings)
     if "utc" in columns:
+        # UTC replaces missing seconds, because every receiver provides it.
         from_utc = parse_utc_seconds(columns["utc"])
         if np.isfinite(from_utc).any() or from_utc.size == 0:
             findings.append(
                 Finding("time_from_utc", "no column time_s: computed from utc", "time_s")
             )
+            # The smallest time is the begin, because rows may be out of order.
             return from_utc - np.nanmin(from_utc) if from_utc.size else from_utc
+    # A misspelt name is the most frequent reason for a missing time.
     close = difflib.get_close_matches("time_s", [name.lower() for name in names], n=1, cutoff=0.5)
     hint = f" (is it {close[0]}?)" if close else ""
     listed = ", ".join(list(names)[:8]) + (", ..." if len(names) > 8 else "")
@@ -190,6 +198,7 @@ def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> SecondsArra
     """Returns numbers (n,), or seconds of dates; NaN where a cell holds neither."""
     if values.dtype == object:
         numbers = np.array([_parse_float(text) for text in values.tolist()])
+        # Numbers decide if they are the majority, since a log may contain single broken cells.
         if np.isfinite(numbers).sum() <= _MAX_NUMBER_SHARE * max(1, np.sum(values != "")):
             dates = parse_utc_seconds(values)
             known = np.isfinite(dates)
@@ -198,6 +207,7 @@ def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> SecondsArra
             findings.append(
                 Finding("dates", "times are dates: taken as seconds since the first row", "time_s")
             )
+            # The first date is the zero of the log's time.
             return np.asarray(dates - dates[known][0], dtype=np.float64)
         bad = int((np.isnan(numbers) & (values != "")).sum())
         if bad:
@@ -233,6 +243,8 @@ def _parse_utc_second(text: str) -> float:
         moment = dt.datetime.fromisoformat(text)
     except ValueError:
         days = _parse_float(text)
+        # Other numbers of days are too early or too late for a machine's log.
         inside = SPREADSHEET_DAYS[0] < days < SPREADSHEET_DAYS[1]
         return (days - SPREADSHEET_EPOCH_DAYS) * DAY_S if inside else float("nan")
+    # A time without a zone counts as UTC, so that the result does not depend on the computer.
     return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp()

@@ -67,6 +67,7 @@ def read_layers(path: Path) -> list[Layer]:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in GEOJSON_ENDINGS:
         return [read_geojson(path)]
+    # Plug-ins are asked after the built-in GeoJSON, so that they cannot replace it.
     if has_format_plugin(suffix):
         return [_read_by_plugin(path, suffix[1:])]
     if suffix in (".shp", ".zip", ""):
@@ -100,6 +101,7 @@ def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: boo
     try:
         root = read_json(path)
     except ValueError as error:
+        # The content is JSON of another kind, or none, so the error is about the map.
         raise NotAMapError(path, "not readable as JSON: {why}", why=error) from None
     return _build_layer(path, root, kinds, strict)
 
@@ -125,6 +127,7 @@ def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
     """Returns features as a layer. Raises NotAMapError, RefusedInput."""
     kind = root.get("type") if isinstance(root, dict) else type(root).__name__
     found = None
+    # A strict reader accepts only a FeatureCollection, because other JSON may have a list too.
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
         found = [root] if kind == "Feature" else root.get("features")
     if not isinstance(found, list):
@@ -136,11 +139,13 @@ def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
             kind=kind,
         )
     crs = json.dumps(root.get("crs") or "crs84").lower()
+    # RFC 7946 permits WGS84 only; older files may name another system.
     if not any(name in crs for name in WGS84_SPELLINGS):
         raise RefusedInput(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
     shapes = np.empty(len(found), dtype=object)
     rows: list[Mapping[str, Any]] = []
     for k, feature in enumerate(found):
+        # A damaged feature becomes a row without shape, so that row numbers stay right.
         feature = feature if isinstance(feature, dict) else {}
         geometry, stated = feature.get("geometry"), feature.get("properties")
         rows.append(stated if isinstance(stated, dict) else {})
@@ -150,6 +155,7 @@ def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
                     geometry, PlaceInFile(str(path)).go_down("feature {feature}", feature=k + 1)
                 )
                 if geometry.get("type") in kinds
+                # An empty point keeps the row but covers no ground.
                 else shapely.Point()
             )
     about = {key: value for key, value in root.items() if key != "features"}
@@ -175,6 +181,7 @@ def _build_geometry(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.
             )
     except RefusedInput:
         raise
+    # Foreign numbers fail in many ways, and all of them mean wrong coordinates.
     except (ArithmeticError, TypeError, ValueError, LookupError, shapely.errors.GEOSException):
         raise RefusedInput(
             where,
@@ -201,6 +208,7 @@ def build_polygon(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geomet
 
 def drop_closing_corner(corners: Floats) -> Floats:
     """Returns a ring without the corner that closes it."""
+    # GeoJSON repeats the first corner at the end, shapely does so by itself.
     return corners[:-1] if len(corners) > 1 and (corners[0] == corners[-1]).all() else corners
 
 
@@ -237,6 +245,7 @@ def convert_to_degrees(
     """
     where = PlaceInFile(str(path)).go_down("layer {layer}", layer=layer)
     if crs is None or crs in DEGREE_SYSTEMS:
+        # Numbers beyond 180 cannot be degrees, so the missing system is an error.
         if (
             crs is None
             and len(shapes)
@@ -252,6 +261,7 @@ def convert_to_degrees(
         return apply_projection(
             shapes, find_projection(text, where, shapely.get_coordinates(shapes), crs)
         )
+    # The southern zones have a false northing of 10 000 km.
     south = found[1] == "327"
     return apply_projection(
         shapes,
@@ -283,10 +293,12 @@ def find_projection(
     """
     try:
         found = parse_projection(text)
+        # A text without a projection is in degrees.
         if found is not None or not crs:
             return found
     except ValueError as error:
         crs = crs or str(error)
+    # The EPSG register knows many systems that the short parser refuses.
     if (grid := find_national_grid(text, places)) is not None:
         return grid
     raise RefusedInput(
@@ -317,6 +329,7 @@ def drop_kml_attributes(row: Mapping[str, Any]) -> dict[str, Any]:
 def find_shape_name(row: Mapping[str, Any]) -> str:
     """Returns a shape's name; empty for a shape without a name. A shapefile cuts names of columns
     to ten letters."""
+    # The names are tried in the order of how specific they are.
     for wanted in ("name", "title", "field", "field_name", "fieldname", "designator"):
         for name, value in row.items():
             if name.casefold() == wanted and value not in (None, ""):

@@ -49,6 +49,7 @@ class StoredLog(NamedTuple):
 
 def is_log_store(path: Path) -> bool:
     """Returns whether any version of topdress wrote this Parquet file."""
+    # The suffix is tested first, because it is cheaper than reading the file.
     return path.suffix.lower() in STORE_SUFFIXES and _METADATA_KEY.encode() in _read_footer(path)
 
 
@@ -58,11 +59,13 @@ def write_log_store(
     """Writes a store, completely or not at all. `columns` are arrays of length n, float64 (NaN:
     unknown) or object (texts). Raises OSError."""
     require_extras("Parquet", "parquet")
+    # Sidecar and findings are stored as text, so that any Parquet reader can show them.
     about = {
         "format": STORE_FORMAT,
         "meta": None if meta is None else format_meta_yaml(meta),
         "findings": [list(finding) for finding in findings],
     }
+    # The store is built in memory, so that it is written completely or not at all.
     data = io.BytesIO()
     _build_frame(columns).write_parquet(
         data, metadata={_METADATA_KEY: json.dumps(about, ensure_ascii=False)}
@@ -77,6 +80,7 @@ def write_log_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
     Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
+        # The sidecar is written first, so that no log is without one.
         write_atomically(find_sidecar(path), format_meta_yaml(meta))
     write_atomically(path, format_csv(columns, _format_cells))
 
@@ -93,6 +97,7 @@ def read_log_store(path: Path, only: Collection[str] | None = None) -> StoredLog
 
     try:
         check_file(path)
+        # polars would allocate memory by the file's own numbers, so they are checked first.
         check_parquet(path)
         about = read_store_meta(path)
         names = [
@@ -102,11 +107,14 @@ def read_log_store(path: Path, only: Collection[str] | None = None) -> StoredLog
         ]
         frame = pl.read_parquet(path, columns=names)
         check_text_bytes(frame, path)
+    # A store is refused like every other table, without repeating its name.
     except BeyondLimits as error:
         raise TableError(path, str(error).removeprefix(f"{path}: ")) from None
     except (pl.exceptions.PolarsError, OSError) as error:
         raise TableError(path, f"not readable as Parquet: {_find_first_line(error)}") from None
+    # Dropping each series after its conversion keeps only one copy in memory.
     columns = {name: _convert_series(frame.drop_in_place(name)) for name in names}
+    # Readers of a store rely on increasing times and do not check again.
     if "time_s" not in columns or not bool(np.all(np.diff(columns["time_s"]) > 0.0)):
         raise TableError(path, "column time_s: missing, or not strictly increasing")
     return StoredLog(columns, *about)
@@ -143,6 +151,7 @@ def _read_footer(path: Path) -> bytes:
     polars."""
     with contextlib.suppress(OSError), path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
+        # The smallest Parquet file has 12 bytes.
         if size < 12:
             return b""
         file.seek(size - 8)
@@ -163,6 +172,7 @@ def _build_frame(columns: Columns) -> pl.DataFrame:
         [
             pl.Series(name, [text or None for text in array.tolist()], pl.String)
             if array.dtype == object
+            # Other readers of Parquet expect null, not NaN, for an unknown number.
             else pl.Series(name, array, pl.Float64).fill_nan(None)
             for name, array in columns.items()
         ]

@@ -58,6 +58,7 @@ class RunLog:
     @property
     def duration_s(self) -> float:
         """Time from the first to the last row, s."""
+        # An empty log has no duration.
         return float(self.time_s[-1] - self.time_s[0]) if len(self) else 0.0
 
     @property
@@ -71,6 +72,7 @@ class RunLog:
         if array is None:
             return False
         return (
+            # Texts are empty where they are unknown, numbers are NaN.
             bool(np.any(array != ""))
             if array.dtype == object
             else not bool(np.all(np.isnan(array)))
@@ -80,6 +82,7 @@ class RunLog:
         """Returns numbers (n,), all NaN for a missing column. Raises KeyError for a column of
         texts."""
         array = self.columns.get(column)
+        # A missing column behaves as a column without values, so that callers need no test.
         if array is None:
             return np.full(len(self), np.nan)
         if array.dtype == object:
@@ -95,6 +98,7 @@ class RunLog:
         """Returns the rows as the control loop wrote them."""
         if not len(self):
             return iter(())
+        # Missing columns are endless iterators of None, so the lengths may differ.
         return map(LogRow._make, zip(*(self._cells(name) for name in ALL_COLUMNS), strict=False))
 
     def _cells(self, name: str) -> Any:
@@ -133,6 +137,7 @@ def read_log(
     TableError : the log cannot be used.
     """
     path = Path(path)
+    # The first reading is fast; a slow interval may mean milliseconds, which other columns show.
     if without:
         log = _read_log_columns(path, only, without)
         if not log.step_s >= SLOW_STEP_S:
@@ -146,9 +151,11 @@ def _read_log_columns(
     without: Collection[str] = (),
     data: bytes | None = None,
 ) -> RunLog:
+    # Lines without a file have no store and no sidecar.
     if data is None and is_log_store(path):
         return RunLog(path, *read_log_store(path, only))
     meta, meta_findings = _read_sidecar(path) if data is None else (None, ())
+    # A log of a worker that was killed at its start is empty but valid.
     if data is None and _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {
@@ -165,12 +172,14 @@ def _read_log_columns(
         own_header=_find_own_columns(meta),
         data=data,
         choose=None
+        # Reading fewer columns saves most of the time of a large log.
         if only is None and not without
         else lambda names: find_needed_columns(
             names, [name for name in names if name not in without] if only is None else only
         ),
     )
     columns, findings = examine_columns(path, table.columns, table.names)
+    # Columns that only served as evidence are removed.
     if only is not None:
         columns = {
             name: array for name, array in columns.items() if name in only or name == "time_s"
@@ -187,6 +196,7 @@ def build_log(path: Path, given: Columns, meta: RunMeta) -> RunLog:
         tuple(given),
     )
     log = RunLog(path, columns, meta, tuple(findings))
+    # A table without rows is no log, although its header may be right.
     if not len(log):
         raise TableError(path, "no whole row below the header")
     return log
@@ -207,6 +217,7 @@ def read_log_meta(path: Path) -> RunMeta | None:
         return _read_sidecar(path)[0]
     try:
         return read_store_meta(path)[0]
+    # A damaged store is reported when its rows are read.
     except (TableError, OSError):
         return None
 
@@ -217,6 +228,7 @@ def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
     header = format_header(_find_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
+            # A power loss may leave zero bytes after the last written byte.
             start = file.read(len(header) + 1).rstrip(b"\0")
     except OSError:
         return False
@@ -238,5 +250,6 @@ def _read_sidecar(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
         return parse_meta_yaml(place.read_text(encoding="utf-8")), ()
     except FileNotFoundError:
         return None, ()
+    # A broken sidecar must not prevent the reading of measured rows.
     except (OSError, ValueError) as error:
         return None, (Finding("sidecar", f"{place.name} next to the log was not used: {error}"),)

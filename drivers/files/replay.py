@@ -60,11 +60,13 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
         return
     time_s = log.time_s.tolist()
     fixes = _find_fixes(log)
+    # A log with NDRE comes from heads whose second index determines the rate.
     index = "ndre" if any(log.has(name) for name in (*NDRE_COLUMNS, "ndre")) else "ndvi"
     single = NDRE_COLUMNS if index == "ndre" else HEAD_COLUMNS
     heads = [_find_readings(log, name, name) for name in single if log.has(name)] or [
         _find_readings(log, index, "ndvi_1")
     ]
+    # Logs of tractors often have only the ground speed.
     stands_for_wheel = (
         log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
     )
@@ -79,6 +81,7 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
     announced: SpeedPlan | None = None
     # The log's target includes the operator's nudge, but the rate request of another display does
     # not.
+    # The nudge is applied by the loop itself, so it is removed from the recorded target.
     nudged = 1.0 + np.nan_to_num(log.numbers("nudge_percent")) / 100.0
     targets = (log.numbers("target_rate_kg_ha") / nudged).tolist()
     for at_s, fix, ndvi, held, work, text, source, target in zip(
@@ -93,7 +96,9 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
         strict=True,
     ):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
+        # An announcement stays valid until the next one.
         announced = (parse_announcement(text, at_s) if text else None) or announced
+        # NaN is not equal to itself, so this also excludes rows without a target.
         asked = (
             Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
         )
@@ -119,6 +124,7 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
 
 def _find_readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
     values = log.numbers(column)
+    # Each sensor has its own time of validity in the loop.
     held = _find_newest_readings(
         log.time_s, np.isfinite(values), _find_changes(values), VALID_FOR_S[sensor]
     )
@@ -133,6 +139,7 @@ def _find_fixes(log: RunLog) -> list[GnssFix | None]:
     lat_deg, lon_deg = log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat_deg) & np.isfinite(lon_deg)
     utc = log.texts("utc")
+    # The receiver's own time shows new fixes even if the machine stands.
     if log.has("utc"):
         fresh = np.concatenate(([True], utc[1:] != utc[:-1]))
         held = _find_newest_readings(log.time_s, known, fresh, np.inf, repeats=False)
@@ -172,6 +179,7 @@ def _find_fixes(log: RunLog) -> list[GnssFix | None]:
 def _find_changes(values: Floats) -> Flags:
     """Returns which values differ from the row before. The first value differs; unknown after
     unknown does not."""
+    # Two unknown values are equal for this purpose, although NaN differs from NaN.
     differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
@@ -180,6 +188,7 @@ def _estimate_period_s(time_s: Floats, fresh: Flags) -> float:
     """Returns the sensor's period, s, from the shortest usual interval between fresh values; 0
     without an interval."""
     intervals_s = np.diff(time_s[fresh])
+    # A low quantile ignores the long intervals of constant values.
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
 
@@ -189,17 +198,20 @@ def _find_newest_readings(
     """Returns the newest reading at every row (module docstring); `repeats` tells whether a
     repeated value may have been sampled again."""
     rows = np.arange(time_s.size)
+    # A value after a gap was sampled again, even if it is unchanged.
     after_gap = known & np.concatenate(([True], ~known[:-1]))
     new = known & (fresh | after_gap)
     row = np.maximum.accumulate(np.where(known, rows, -1))
     changed_s = time_s[np.maximum(np.maximum.accumulate(np.where(new, rows, -1)), 0)]
     sampled_s = changed_s
     if repeats:
+        # The loop would have dropped a value that repeats less often.
         period_s = min(_estimate_period_s(time_s, new), hold_s / 2.0)
         since_s = time_s - changed_s
         again_s = (
             time_s
             if period_s <= 0.0
+            # The small number prevents a loss of a whole period by rounding.
             else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
         )
         latest_s = np.maximum(changed_s, _find_last_known_s(time_s, known) - hold_s)

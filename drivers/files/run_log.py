@@ -73,12 +73,14 @@ def begin_log(
     """
     file = create(path, overwrite)
     try:
+        # The sidecar comes before the header, so that no log is without one.
         write_atomically(find_sidecar(file.path), format_meta_yaml(meta), kept)
         _write_all_bytes(file, bytearray(_encode_header(meta)))
         if kept:
             file.sync()
     except BaseException:
         file.close()
+        # A failed start must not leave an empty log behind.
         for path in (file.path, find_sidecar(file.path)):
             path.unlink(missing_ok=True)
         raise
@@ -103,6 +105,7 @@ class PlainLogWriter:
     def append(self, row: LogRow) -> None:
         """Appends a row. Raises OSError."""
         self._waiting += self._text.line(row).encode(errors="replace")
+        # Few large writes are faster than many small writes.
         if len(self._waiting) >= _BLOCK_BYTES:
             _write_all_bytes(self._file, self._waiting)
 
@@ -187,7 +190,9 @@ class RunLogWriter:
         self._good_at_s = self._synced_at_s = clock()
         self._closing = threading.Event()
         self._started_kept = False
+        # The files exist before the loop starts, so that the first row finds them.
         self._open(kept=False)
+        # A daemon thread cannot keep a crashed worker alive.
         self._thread = threading.Thread(target=self._run_writing, name="run-log", daemon=True)
         self._thread.start()
 
@@ -206,6 +211,7 @@ class RunLogWriter:
         """Description of the present fault in a line; empty while rows reach the disk."""
         if self._trouble:
             return self._trouble
+        # A hanging disk raises no error, so only the elapsed time reveals it.
         waited_s = self._clock() - self._good_at_s
         if waited_s > SLOW_DISK_S and not self._closing.is_set():
             return f"{self.path}: the disk has not answered for {waited_s:.0f} s"
@@ -213,6 +219,7 @@ class RunLogWriter:
 
     def append(self, row: LogRow) -> None:
         """Queues a row. Never blocks, never raises, never accesses the disk."""
+        # Rows are dropped at the limit, because a full memory would stop the machine.
         if self._closing.is_set() or self._rows.qsize() + self._formatted_rows >= self._max_waiting:
             self._lost += 1
         else:
@@ -233,10 +240,13 @@ class RunLogWriter:
     def _run_writing(self) -> None:
         closing = False
         while not closing:
+            # The wait ends at once when the log is closed.
             closing = self._closing.wait(self._flush_s)
             self._format_waiting_rows()
             self._write_waiting_rows(closing)
             if self.after_writing is not None:
+                # Other files of the job are written in the same thread, so that they share its
+                # disk.
                 self.after_writing(closing)
         if self._file is not None:
             self._file.close()
@@ -250,6 +260,7 @@ class RunLogWriter:
             try:
                 self._formatted += self._text.line(row).encode(errors="replace")
                 self._formatted_rows += 1
+            # One impossible row must not stop the log of all others.
             except (TypeError, ValueError) as error:
                 self._lost += 1
                 self._trouble = f"{self.path}: a row at {row.time_s} s cannot be written: {error}"
@@ -267,10 +278,12 @@ class RunLogWriter:
                     sync_to_disk(find_sidecar(self._file.path))
                 self._file.sync()
                 self._started_kept = True
+            # The file may have been deleted, or its disk replaced by another.
             if self._trouble and not self._file.is_in_place:
                 self._file = self._reopen_file(self._file)
             try:
                 self._write_formatted(self._file)
+            # Another program has shortened the file, so a new one begins with the lost rows.
             except CutShortError as error:
                 self._file = self._begin_new_file(self._file, error.left)
                 self._write_formatted(self._file)
@@ -278,6 +291,7 @@ class RunLogWriter:
             if closing or now_s - self._synced_at_s >= self._sync_s:
                 self._file.sync()
                 self._synced_at_s = now_s
+                # These rows are certainly on the disk and need no further copy.
                 self._synced_bytes += len(self._unsynced)
                 self._unsynced.clear()
                 self._trouble = ""
@@ -289,6 +303,7 @@ class RunLogWriter:
         waiting = bytes(self._formatted)
         try:
             _write_all_bytes(file, self._formatted)
+        # The finally block also counts the bytes of a partial write.
         finally:
             self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
@@ -296,6 +311,7 @@ class RunLogWriter:
         """Returns a new log with the removed rows, as far as they are still in memory, and all
         later rows. Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
+        # Only whole rows that are still in the file are skipped.
         whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
         self._formatted[:0] = self._unsynced[whole:]
         self._unsynced.clear()
@@ -315,9 +331,11 @@ class RunLogWriter:
         if not path.parent.is_dir():
             raise OSError("its folder is gone")
         if path.exists() and _has_own_header(path, self._header):
+            # Rows after the last sync may be lost, so they are written again.
             file = NewFile(path, go_on_at=self._synced_bytes)
             self._formatted[:0] = self._unsynced
         else:
+            # A deleted file can often still be read through its open handle.
             text = _read_deleted(before, self._header) or self._header + self._unsynced
             file = begin_log(path, self._meta, not path.exists(), self._create)
             self._formatted[:0] = text[len(self._header) :]
@@ -346,6 +364,7 @@ def _has_own_header(path: Path, header: bytes) -> bool:
 
 
 def _read_deleted(file: NewFile, header: bytes) -> bytes:
+    # The handle may be invalid after its disk was removed.
     try:
         text = file.all()
     except OSError:
@@ -358,6 +377,7 @@ def _write_all_bytes(file: NewFile, data: bytearray) -> None:
     `data`."""
     while data:
         taken = file.write(data)
+        # A disk that accepts nothing would otherwise cause an endless loop.
         if taken <= 0:
             raise OSError("the file takes no more")
         del data[:taken]

@@ -91,6 +91,7 @@ def load_by_kind(files: Iterable[str]) -> dict[str, LoadedConfig[BaseModel]]:
     found: dict[str, LoadedConfig[BaseModel]] = {}
     for file in files:
         kind, loaded = load_any_config(file, CONFIG_KINDS)
+        # Crop and product belong to the job, so that they cannot contradict it.
         if kind is CROP_KIND:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
         if kind is PRODUCT_KIND:
@@ -101,6 +102,7 @@ def load_by_kind(files: Iterable[str]) -> dict[str, LoadedConfig[BaseModel]]:
             raise ConfigError(
                 [f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"]
             )
+        # A second job or machine file would be ignored silently.
         if kind.format in found:
             raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
         found[kind.format] = loaded
@@ -114,6 +116,7 @@ def build_setup(
 ) -> Setup:
     """Returns the setup of these files; the shipped nominal file replaces each missing file.
     `own_logs` is as in `load_setup`. Raises ConfigError."""
+    # Shipped files complete the set, so that the console can start without any file.
     machine, job = (
         found[kind.format].path if kind.format in found else shipped
         for kind, shipped in ((MACHINE_KIND, "huanghai"), (JOB_KIND, "demo"))
@@ -143,11 +146,13 @@ def load_setup(
     """
     got_machine = load_config(machine, MACHINE_KIND)
     got_job = load_config(job, JOB_KIND)
+    # Relative names in a job begin at the job file.
     got_crop = load_config(got_job.model.crop, CROP_KIND, base=got_job.path.parent)
     got_product = load_job_product(got_job.model, got_job.path.parent)
     product = None if got_product is None else got_product.model
     crop, spreader = got_crop.model, got_machine.model
     try:
+        # The product changes crop and machine before any rule is derived from them.
         if product is not None:
             crop = crop.model_copy(
                 update={"product": product.name, "product_n_fraction": product.n_fraction}
@@ -157,12 +162,14 @@ def load_setup(
             _apply_job_dates(crop, got_job.model), got_crop.path.parent, today
         )
         n_year = find_year_nitrogen(got_job, crop, today, own_logs)
+        # The ceiling of the year limits the rule before rates are computed.
         crop = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         rule = make_rule(crop, got_job.model, days)
     except (WeatherError, ValueError, OSError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {
+        # Checksums record exactly which versions of the files a run used.
         str(got.path): got.sha256
         for got in (got_machine, got_job, got_crop, got_product)
         if got is not None
@@ -194,6 +201,7 @@ class YearNitrogen(NamedTuple):
     @property
     def left_kg_ha(self) -> float:
         """The nitrogen that may still be given, kg/ha."""
+        # A negative remainder would become a negative rate.
         return max(0.0, self.ceiling_kg_ha - self.given_kg_ha - self.earlier_kg_ha)
 
     @property
@@ -241,6 +249,7 @@ def find_year_nitrogen(
         from topdress.drivers.files.farm_lines import sum_year_nitrogen
 
         boundary = ground.make_boundary()
+        # Without area and name the records of the field cannot be found.
         if boundary is None or not ground.title:
             raise ValueError(
                 f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "
@@ -254,6 +263,7 @@ def find_year_nitrogen(
     found = YearNitrogen(
         wanted.year_max_kg_ha, wanted.given_kg_ha, earlier_kg_ha, passes, crop.product_n_fraction
     )
+    # Starting a job that may apply nothing is an error, not an empty job.
     if found.left_kg_ha <= 0.0:
         raise ValueError(
             f"{job.path}: key {found.text}: nothing may be given any more in this year"
@@ -269,6 +279,7 @@ def _apply_job_dates(crop: Crop, job: Job) -> Crop:
         for name, date in (("sown", job.sown), ("sensed", job.sensed))
         if date is not None
     }
+    # A fixed number of days does not depend on dates.
     if crop.days is None or crop.days.count is not None or not dates:
         return crop
     return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
@@ -297,6 +308,7 @@ def load_job_product(job: Job, folder: Path) -> LoadedConfig[Product] | None:
 
 def describe_product(product: Product, machine: Machine) -> str:
     """Returns a note about a product on a machine; empty for a product with a catch test."""
+    # A catch test on this machine is better than the product's general number.
     if product.find_newest_test(machine.id) is not None:
         return ""
     return (
@@ -315,6 +327,7 @@ def find_disagreements(
         return []
     module, board = config.rate_module, config.board
     lines = []
+    # A module has a limited number of relays for valves.
     if (
         machine.switched_strips
         and module is not None
@@ -356,6 +369,7 @@ def find_index_disagreements(
 ) -> list[str]:
     """Returns a line where the index of the rule differs from the index of the heads. `cab` None
     means simulated heads. A job without canopy sensing needs no index."""
+    # Without canopy sensing the index of the heads is not used.
     if job.target.source not in CANOPY_SOURCES:
         return []
     if cab is None:

@@ -96,6 +96,7 @@ class ShapeSet:
     def part(self, ending: str) -> bytes | None:
         """Returns the bytes of the file of this set with a suffix, regardless of case; None for a
         missing file. Raises RefusedInput, OSError."""
+        # Programs on Windows write suffixes in any case.
         wanted = self.name[: -len(".shp")].casefold() + ending
         for name in self.files.names:
             if name.casefold() == wanted:
@@ -110,9 +111,11 @@ class ShapeSet:
             for key in ("shp", "shx", "dbf")
             if (data := self.part(f".{key}")) is not None
         }
+        # pyshp would read a set without attributes, but a map needs them.
         if "dbf" not in parts:
             raise shapefile.ShapefileException("its .dbf is not there")
         with (
+            # pyshp warns of many harmless properties that reports of this program do not need.
             warnings.catch_warnings(action="ignore"),
             shapefile.Reader(
                 **parts,
@@ -126,8 +129,10 @@ class ShapeSet:
         """Returns the encoding of the texts: UTF-8 for bytes that are valid UTF-8, else the
         encoding by the .cpg or the language driver unless the texts contradict it, else the
         encoding by the bytes."""
+        # Some programs name the file .cst instead of .cpg.
         stated = self.part(".cpg") or self.part(".cst") or b""
         spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
+        # The prefixes cp, ansi and ms precede the same numbers of code pages.
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
         names = (
             ENCODING_OF_SPELLING.get(spelled) or ENCODING_OF_SPELLING.get(bare),
@@ -135,6 +140,7 @@ class ShapeSet:
         )
         texts = _read_dbf_texts(dbf)
         # Texts in other encodings are hardly ever valid UTF-8.
+        # The texts decide before the declared encoding, because declarations are often wrong.
         for name in ("utf-8", *names):
             if name is not None and _is_encoded_as(texts, name):
                 return name
@@ -156,10 +162,12 @@ def report_damage(label: str) -> Iterator[None]:
     except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as trouble:
         said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
         raise RefusedInput(label, "not readable as a shapefile: {why}", why=said) from None
+    # pyshp raises KeyError for an unknown type of shape.
     except KeyError as trouble:
         raise RefusedInput(
             label, "not a shapefile: no type of shapes is {number}", number=trouble
         ) from None
+    # A damaged header may announce any sizes, which fail in many ways.
     except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
         raise RefusedInput(
             label, "damaged shapefile ({kind})", kind=type(trouble).__name__
@@ -169,6 +177,7 @@ def report_damage(label: str) -> Iterator[None]:
 def find_shape_sets(path: Path) -> list[ShapeSet]:
     """Returns the shapefiles at a .shp, in a zip, or in a folder. Raises RefusedInput, OSError."""
     if path.suffix.lower() == ".shp" and not path.is_dir():
+        # Only files with the same stem belong to the set, so other folders are not searched.
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = open_archive(path)
     return [
@@ -183,6 +192,7 @@ def read_shape_layer(shapes: ShapeSet, encoding: str | None = None) -> Layer:
     RefusedInput, OSError."""
     where = PlaceInFile(shapes.label)
     with report_damage(shapes.label):
+        # Without a .prj the coordinates must be degrees, which a later check verifies.
         text = shapes.part(".prj")
         with shapes.reader(encoding) as reader:
             names, kind = read_column_names(reader), reader.shapeTypeName
@@ -198,7 +208,10 @@ def read_shape_layer(shapes: ShapeSet, encoding: str | None = None) -> Layer:
             None
             if text is None
             else find_projection(
-                text.decode("utf-8", "replace"), where, shapely.get_coordinates(found)
+                # The area of the shapes selects the most accurate transformation.
+                text.decode("utf-8", "replace"),
+                where,
+                shapely.get_coordinates(found),
             )
         )
     degrees, findings = apply_projection(found, projection)
@@ -208,6 +221,7 @@ def read_shape_layer(shapes: ShapeSet, encoding: str | None = None) -> Layer:
 def _build_shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
     """Returns a shape; None for an empty shape. A polygon consists of outlines, which run
     clockwise, and holes, which run counter-clockwise."""
+    # Heights and measures follow the two coordinates and are dropped.
     places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
     if not len(places) or kind.startswith(("MULTI", "NULL")):
         return None
@@ -216,7 +230,9 @@ def _build_shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry 
     parts = np.split(places, shape.parts[1:])
     if kind.startswith("POLYLINE"):
         return combine_shapes([shapely.LineString(part) for part in parts if len(part) > 1])
+    # Outlines and holes are distinguished by their direction only.
     clockwise = [_is_clockwise(drop_closing_corner(part)) for part in parts]
+    # A file with reversed directions has no outline; all rings then count as outlines.
     outlines = [part for part, is_one in zip(parts, clockwise, strict=True) if is_one] or parts
     holes = (
         [part for part, is_one in zip(parts, clockwise, strict=True) if not is_one]
@@ -232,17 +248,20 @@ def _build_shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry 
 
 
 def _is_clockwise(corners: Floats) -> bool:
+    # Coordinates relative to the first corner keep the precision of large UTM numbers.
     x, y = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
     return bool(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0.0)
 
 
 def sort_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
     """Returns each outline with its holes; holes outside of all outlines are omitted."""
+    # With one outline every hole belongs to it, without a geometric test.
     if len(outlines) == 1 or not holes:
         return [(outline, *(holes if len(outlines) == 1 else ())) for outline in outlines]
     polygons = [shapely.make_valid(shapely.Polygon(outline)) for outline in outlines]
     inside: list[list[Floats]] = [[] for _ in outlines]
     for hole in holes:
+        # A point inside of the hole is more robust than its corners, which may touch the outline.
         place = shapely.Polygon(hole).representative_point()
         for k, polygon in enumerate(polygons):
             if shapely.contains(polygon, place):
@@ -258,6 +277,7 @@ def read_column_names(reader: Any) -> list[str]:
     for field in reader.fields:
         if field[0] == "DeletionFlag":
             continue
+        # A name cut inside of a multi-byte letter ends with the replacement character.
         name, number = str(field[0]).rstrip("\ufffd").strip(), 2
         free = name
         while free in names:
@@ -275,10 +295,12 @@ def _is_encoded_as(texts: list[bytes], encoding: str) -> bool:
             text.decode(encoding)
             whole += not text.isascii()
         except UnicodeDecodeError as error:
+            # An error before the end of a text cannot come from a cut letter.
             if error.end < len(text) or error.start < len(text) - 3:
                 return False
             whole += not text[: error.start].isascii()
             cut += 1
+    # At least one complete non-ASCII text must confirm the encoding.
     return whole > 0 or cut == 0
 
 
@@ -290,6 +312,7 @@ def _read_dbf_texts(dbf: bytes) -> list[bytes]:
     # a row.
     rows, header, width = struct.unpack("<IHH", dbf[4:12])
     fields: list[tuple[int, int]] = []
+    # The first byte of each row marks deleted rows.
     texts, at = [], 1
     for place in range(32, min(header, len(dbf)) - 31, 32):
         descriptor = dbf[place : place + 32]
@@ -299,6 +322,7 @@ def _read_dbf_texts(dbf: bytes) -> list[bytes]:
         if descriptor[11:12] == b"C":
             fields.append((at, descriptor[16]))
         at += descriptor[16]
+    # Two thousand rows are enough to recognise an encoding.
     for row in range(min(rows, 2000)):
         begin = header + row * width
         texts += [

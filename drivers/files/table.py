@@ -107,6 +107,7 @@ def read_table(
     """
     data, findings = _read_text(path, data=data)
     layout = _find_layout(path, data, findings)
+    # An incomplete last row is removed before the cells are split.
     data, cut = drop_cut_row(
         data, layout.body, layout.separator, len(layout.names), layout.names == own_header
     )
@@ -118,9 +119,11 @@ def read_table(
             raise TableError(path, renamed.trouble)
         layout, factors = layout._replace(names=renamed.names), renamed.factors
         findings += renamed.findings
+    # Two columns with one name cannot be distinguished by any later step.
     _refuse_twins(path, layout.names)
     chosen = layout.names if choose is None else choose(layout.names)
     wanted = [name for name in layout.names if name in chosen]
+    # A table without rows still has typed columns.
     if data.count(b"\n", layout.body) == 0:
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     else:
@@ -139,6 +142,7 @@ def read_table(
         del data
         findings += odd
         columns = convert_cells(cells, numbers, texts, findings)
+    # Factors convert units in the header to the units of the columns.
     for name, factor in factors.items():
         if name in columns and columns[name].dtype != object:
             columns[name] = columns[name] * factor
@@ -168,11 +172,13 @@ def _read_text(
 
 
 def _read_bytes(path: Path, most: int) -> bytes:
+    # The size limit is checked before any byte is read.
     check_file(path)
     if path.suffix.lower() in WORKBOOK_SUFFIXES:
         return read_sheet_text(path)
     with path.open("rb") as file:
         data = file.read(most)
+    # The sample ends at a line end, so that its last row is complete.
     return data[: data.rfind(b"\n") + 1] or data if len(data) == most else data
 
 
@@ -180,6 +186,7 @@ def _find_layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayo
     line, separator, lines, start = _find_header_line(path, data)
     if lines > 1:
         findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
+    # A declared separator is preferred to the most frequent sign.
     separator = separator or max(_SEPARATORS, key=line.count)
     names = _parse_names(path, line, separator)
     if separator in _SEPARATOR_NAMES:
@@ -195,6 +202,7 @@ def _find_layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayo
             Finding("unit_row", "a row of units below the header was passed over", rows=1)
         )
         body, lines = below, lines + 1
+    # A comma cannot be both separator and decimal mark.
     comma = separator != "," and _has_decimal_comma(data[body : body + 20_000], separator)
     if comma:
         findings.append(
@@ -216,6 +224,7 @@ def _find_header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
         line = data[start:end].decode(errors="replace").strip("\r")
         lines += 1
         before, start = start, end + 1
+        # Excel writes this line to declare the separator.
         if line.lower().startswith("sep=") and len(line) == 5 and line[4] in _SEPARATORS:
             separator = line[4]
         elif (
@@ -231,8 +240,10 @@ def _find_header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
 def _is_title_line(line: str, data: bytes, start: int) -> bool:
     """Returns whether a line of words is a title above a header: a single cell above rows of
     several cells, or words above words above numbers."""
+    # A line with a number or a date is data, never a title.
     if any(is_value_cell(cell) for cell in _split_cells(line)):
         return False
+    # Eight lines are enough to see a header and rows below a title.
     below = [
         row
         for row in data[start : start + 8000].decode(errors="replace").splitlines()[:8]
@@ -258,6 +269,7 @@ def _skip_unit_row(data: bytes, body: int, separator: str) -> int | None:
     """Returns the position after a row of units at `body`; None without such a row."""
     end = data.find(b"\n", body)
     cells = data[body:end].decode(errors="replace").strip("\r").split(separator)
+    # A single cell is a title or a note, not a row of units.
     return end + 1 if end > body and len(cells) > 1 and is_unit_row(cells) else None
 
 
@@ -272,6 +284,7 @@ def _parse_names(path: Path, line: str, separator: str) -> tuple[str, ...]:
             f"no header row: the first line is {line[:40].strip()}; the first line must name the "
             "columns",
         )
+    # A separator at the end of the header makes an empty last name.
     while names and not names[-1]:
         names = names[:-1]
     return names
@@ -289,6 +302,7 @@ def _refuse_twins(path: Path, names: tuple[str, ...]) -> None:
 
 def _has_decimal_comma(sample: bytes, separator: str) -> bool:
     cells = sample.decode(errors="replace").replace("\n", separator).split(separator)[:-1]
+    # One cell that is no number disproves the decimal comma.
     with_comma = [cell for cell in cells if "," in cell]
     return bool(with_comma) and all(map(is_value_cell, with_comma))
 
@@ -303,6 +317,7 @@ def convert_cells(
     Cells are removed as they are converted, so that they are not in memory twice."""
     columns: Columns = {}
     for name in list(cells):
+        # Each column of texts is released after its conversion, which halves the peak memory.
         column = cells.pop(name)
         if not isinstance(column, NumberCells):
             column = _convert_column(name, column, numbers, texts)
@@ -319,6 +334,7 @@ def convert_cells(
                     column.bad,
                 )
             )
+        # Infinite values come from divisions by zero in other programs.
         columns[name] = np.where(np.isinf(column.values), np.nan, column.values)
     return columns
 
@@ -330,6 +346,7 @@ def _convert_column(
     if not is_text_column(column):
         return NumberCells(column.astype(np.float64))
     cells = column.tolist()
+    # A test of the first cells avoids the conversion of long text columns.
     if name not in texts and (
         name in numbers or None not in map(parse_number, cells[:_TYPE_SAMPLE_CELLS])
     ):

@@ -55,12 +55,14 @@ def read_trial_plots(path: Path) -> dict[str, Any]:
         ]
         if not parts:
             continue
+        # Weights refer to plots by name, so each name must be unique.
         if not name or name in found:
             raise TrialError(
                 f"{path}: plot {name or len(found) + 1}: allowed is a name of its own for "
                 "each (attribute "
                 "name)"
             )
+        # Outlines that cross themselves too often would take minutes to repair.
         check_outlines(
             [
                 [shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
@@ -96,6 +98,7 @@ def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, PlotWeights]
     for row in range(table.rows):
         cells = {name: column[row] for name, column in table.columns.items()}
         name = str(cells["plot"]).strip()
+        # A misspelt plot would silently lose its weights.
         if name not in plots:
             raise TrialError(
                 f"{path}: row {row + 1}: plot {name!r}: allowed is one of {', '.join(plots)}"
@@ -114,10 +117,12 @@ def _add_weight_row(before: PlotWeights, cells: Mapping[str, Any], where: str) -
         ("sample_kg", sample, 0.0),
         ("sample_m2", area, 0.01),
     ):
+        # A million kilograms is a wrong unit.
         if not np.isnan(value) and not least <= value < 1e6:
             raise TrialError(f"{where}: {key} {value:g}: allowed is {least:g} or more")
     if not np.isnan(sample) and np.isnan(area):
         raise TrialError(f"{where}: sample_m2 missing: the area that sample_kg was harvested from")
+    # Several rows of a plot must agree on its treatment.
     treatment = str(cells.get("treatment", "")).strip()
     if before.treatment and treatment and before.treatment != treatment:
         raise TrialError(
@@ -160,11 +165,13 @@ def read_trial(
     outlines = read_trial_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
     run = open_any_log(log)
+    # Short segments assign the material near a plot's edge to the right side.
     applied = build_as_applied(run, machine, every_s=FINE_SEGMENT_S)
     readings, hz = _find_head_readings(run, applied.machine)
     later = None
     if after is not None:
         seen = open_any_log(after)
+        # The later reading may come from another machine with other heads.
         own = None if seen.meta is None else seen.meta.machine
         later, _ = _find_head_readings(
             seen, applied.machine if own is None else Machine.model_validate(own)
@@ -173,16 +180,19 @@ def read_trial(
     at = np.column_stack((s.lon_deg, s.lat_deg))
     found = []
     for name, outline in outlines.items():
+        # Preparing the outline makes the thousands of tests below fast.
         shapely.prepare(outline)
         inside = shapely.contains_xy(outline, at[:, 0], at[:, 1])
         there = weighed.get(name, PlotWeights("", None, ()))
         found.append(
             Plot(
                 name,
+                # Without a column the treatment is the plot's name without its replicate.
                 there.treatment or name.rpartition("-")[0] or name,
                 _calc_area_m2(outline),
                 readings.select_within(outline),
                 np.zeros(0) if later is None else later.select_within(outline),
+                # None means that no material was logged there; 0 would mean a recorded rate of 0.
                 float(s.target_kg[inside].sum()) if inside.any() else None,
                 float(s.applied_kg[inside].sum()) if inside.any() else None,
                 there.applied_kg,
@@ -216,6 +226,7 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
     """Returns the mean of each new reading of the heads once, with the position that they view, and
     the rate of readings, 1/s. Raises TrialError."""
     columns = [name for names in (HEAD_COLUMNS, NDRE_COLUMNS) for name in names if log.has(name)]
+    # Fused readings replace single heads where a log has only them.
     if not columns:
         columns = [name for name in ("ndvi", "ndre") if log.has(name)]
     if not columns:
@@ -227,6 +238,7 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
     some = np.isfinite(heads).any(axis=1)
     # Heads repeat their reading until the next reading arrives.
     new = some & np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1)))
+    # The place that the heads view is ahead of the outlets along the heading.
     plane, way, heading = find_outlet_way(log, machine)
     ahead = np.radians(heading)
     places = way + machine.geometry.heads_m * np.column_stack((np.sin(ahead), np.cos(ahead)))
@@ -240,6 +252,7 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
 def _calc_area_m2(outline: Any) -> float:
     """Returns an outline's area, m2."""
     middle = outline.centroid
+    # A plane in the middle of the plot has the smallest distortion.
     plane = TangentPlane(float(middle.y), float(middle.x))
     return float(
         shapely.transform(outline, lambda at: plane.project_many_to_m(at[:, 1], at[:, 0])).area

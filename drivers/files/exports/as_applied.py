@@ -144,12 +144,14 @@ class AsApplied:
     def worked_ha(self) -> float:
         """Worked ground, ha, with each pass counted; from positions, or from speed and time without
         positions."""
+        # Overlap counts as worked, because material was applied twice.
         ground = self.ground
         return self.totals.area_ha if ground is None else ground.area_ha + ground.overlap_ha
 
     @property
     def mean_kg_ha(self) -> float:
         """Mean rate, kg/ha: all mass applied in work, divided by the worked ground."""
+        # Material released at standstill belongs to no worked area.
         return (
             (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha
             if self.worked_ha > 0.0
@@ -195,6 +197,7 @@ def build_as_applied(
     ExportError : a column, the machine or any worked row is missing.
     """
     machine = machine or _read_machine(log)
+    # All needed columns are tested first, because the computation takes seconds.
     for column in NEEDED_COLUMNS:
         if not log.has(column):
             raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
@@ -212,6 +215,7 @@ def build_as_applied(
     product = product or _read_product(log)
     strips = find_section_strips(log, machine)
     width_m = machine.geometry.working_width_m
+    # Ground with material and ground with a rate of 0 are reported separately.
     covered = _cover_ground(
         rows, width_m, strips, rows.opened & (rows.applied_kg_ha > 0.0)[:, None]
     )
@@ -264,6 +268,7 @@ def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = calc_applied_rate_kg_ha(log), _read_speed_mps(log)
+    # Rows before the first arrival of material are excluded, as in the totals.
     counts = (
         (find_arrived_rows(log) | find_stopped_rows(log))
         & (step > 0.0)
@@ -278,7 +283,9 @@ def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
         machine.fall.carried_share,
     )
     plane, way_m, heading = find_outlet_way(log, machine)
+    # A row's material lands later than it leaves, by its drop time.
     lands = time + drop
+    # A segment reaches from the landing of the previous row to that of this row.
     begin, end = _find_places_at(lands - step, time, way_m), _find_places_at(lands, time, way_m)
     # Headings are interpolated unwrapped, because the middle of 359 and 1 deg is 0.
     turned = np.degrees(np.unwrap(np.radians(heading)))
@@ -319,10 +326,12 @@ def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
     effort, rpm, opening = (
         np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm")
     )
+    # A standing shaft has no effort to compare.
     known = np.isfinite(effort) & np.isfinite(opening) & (rpm > MIN_TURNING_SHAFT_RPM)
     if not machine.has_stage("effort") or not known.any():
         return np.full(len(log), np.nan)
     pitch, kg, supply = (
+        # Missing conditions are replaced by nominal values, which change the effort little.
         np.where(np.isfinite(values := log.numbers(name)), values, usual)
         for name, usual in (
             ("pitch_deg", 0.0),
@@ -350,6 +359,7 @@ def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ..
     half = 0.5 * machine.geometry.working_width_m
     return (
         machine.switched_strips
+        # Without recorded valves the machine works as a whole.
         if machine.switched_strips and log.has("sections_cmd")
         else (SectionStrip(-half, half, 1.0),)
     )
@@ -362,6 +372,7 @@ def find_open_strips(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
     return np.array(
+        # Valves open later than commanded, so their history is replayed.
         [
             valves.find_open_valves(time_s, stated)
             for time_s, stated in zip(
@@ -381,6 +392,7 @@ def _read_speed_mps(log: RunLog) -> Floats:
 def _find_speed_column(log: RunLog) -> str | None:
     """Returns the column of the speed that the control loop used; for an imported log of another
     machine, the first column of speed."""
+    # The loop's own log always has the speed that it used.
     stated = (
         SPEED_COLUMNS
         if log.meta is not None and "imported" in log.meta.extra
@@ -393,6 +405,7 @@ def _find_max_step_s(log: RunLog) -> float:
     """Returns the longest step between rows, s, that is no gap; foreign logs may have a row every
     few seconds."""
     return (
+        # A slow logger has long intervals in normal work.
         max(MAX_ROW_STEP_S, MAX_GAP_FREE_MEAN_STEPS * log.step_s)
         if log.step_s > 0.5 * MAX_ROW_STEP_S
         else MAX_ROW_STEP_S
@@ -403,7 +416,9 @@ def calc_applied_rate_kg_ha(log: RunLog) -> Floats:
     """Returns the applied rate (n,), kg/ha, with the scale's correction where the log has one."""
     trim = log.numbers("flow_trim")
     return np.asarray(
-        log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0), dtype=np.float64
+        # The trim is the correction that the scale has found for the flow model.
+        log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0),
+        dtype=np.float64,
     )
 
 
@@ -415,6 +430,7 @@ def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """
     working = np.asarray(log.texts("state") == State.WORKING.value) | (not log.has("state"))
     off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
+    # A turning shaft off the field still releases material.
     turning = (log.numbers("shaft_rpm_cmd") > 0.0) | (
         log.numbers("shaft_rpm") > MIN_TURNING_SHAFT_RPM
     )
@@ -452,6 +468,7 @@ def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
     places = plane.project_many_to_m(lat[fresh], lon[fresh])
     antenna = np.column_stack([np.interp(time, time[fresh], places[:, k]) for k in (0, 1)])
+    # The receiver's heading is better than the direction between positions at low speed.
     stated = log.numbers("heading_deg")
     if np.isfinite(stated).any():
         has = np.isfinite(stated)
@@ -460,6 +477,7 @@ def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats
         way = np.gradient(antenna, axis=0)
         turned = np.unwrap(np.arctan2(way[:, 0], way[:, 1]))
     ahead = np.column_stack((np.sin(turned), np.cos(turned)))
+    # The outlets are behind the antenna along the heading.
     return plane, antenna - machine.geometry.antenna_m * ahead, np.degrees(turned) % 360.0
 
 
@@ -468,6 +486,7 @@ def _find_places_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
     its last speed."""
     # The last second of the log gives that speed.
     back = int(np.searchsorted(time_s, time_s[-1] - 1.0))
+    # A log of one row has no speed, and its material stays in place.
     lasts = time_s[-1] - time_s[back]
     speed = (way_m[-1] - way_m[back]) / lasts if lasts > 0.0 else np.zeros(2)
     beyond = np.maximum(0.0, moments_s - time_s[-1])[:, None] * speed
@@ -486,6 +505,7 @@ def _gather_stretches(
         for strip, flowed in zip(strips, rows.opened.T, strict=True)
         if flowed.any()
     ]
+    # One strip needs no sorting.
     if len(found) == 1:
         return found[0]
     together = [np.concatenate(columns) for columns in zip(*found, strict=True)]
@@ -498,6 +518,7 @@ def _select_strip_rows(
 ) -> _WorkedRows:
     """Returns the rows in which a strip flowed, shifted to the strip's middle."""
     aside = 0.5 * (strip.left_m + strip.right_m)
+    # The whole machine has its middle on the path.
     if aside == 0.0 and flowed.all():
         return rows
     angle = np.radians(rows.heading_deg)
@@ -509,6 +530,7 @@ def _select_strip_rows(
 # A segment consists of consecutive rows within one period, without a gap.
 def _build_strip_stretches(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
     """Returns the segments of a strip."""
+    # A gap ends a segment, because no material was recorded in it.
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
     # The small number keeps a time of exactly a period in its own period.
     period = np.floor(rows.time_s / every_s + 1e-9)
@@ -519,6 +541,7 @@ def _build_strip_stretches(rows: _WorkedRows, width: float, every_s: float) -> W
     kg = np.add.reduceat(area_ha * rows.applied_kg_ha, first)
     known = np.isfinite(rows.target_kg_ha)
     target_kg = np.add.reduceat(np.where(known, area_ha * rows.target_kg_ha, 0.0), first)
+    # The mean target uses only the ground with a known target.
     target_ha = np.add.reduceat(np.where(known, area_ha, 0.0), first)
     ha = np.add.reduceat(area_ha, first)
     duration = np.add.reduceat(rows.step_s, first)
@@ -527,6 +550,7 @@ def _build_strip_stretches(rows: _WorkedRows, width: float, every_s: float) -> W
     centre = first + (last - first) // 2
     heading = rows.heading_deg[centre]
     corners = _calc_corners_m(begin, end, rows.heading_deg[first], rows.heading_deg[last], width)
+    # A segment without any target divides zero by zero, which gives NaN as intended.
     with np.errstate(invalid="ignore", divide="ignore"):
         target = target_kg / target_ha
     lat_lon = _convert_to_deg(rows.plane, middle)
@@ -582,6 +606,7 @@ def _convert_to_deg(plane: TangentPlane, places: Floats) -> Floats:
 def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
     """Returns the sums of the log's own rows."""
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
+    # The share of open sections scales the worked width.
     share = find_open_strips(log, machine) @ np.array(
         [strip.share for strip in find_section_strips(log, machine)]
     )
@@ -600,6 +625,7 @@ def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Tota
     ):
         totaliser.add_tick(
             seconds,
+            # NaN is not equal to itself, and the totaliser expects None.
             None if speed != speed else speed,
             None if applied != applied else applied,
             None if target != target else target,
@@ -615,6 +641,7 @@ def _find_limited_ground(
 ) -> LimitedGround | None:
     """Returns the ground on which the target exceeded the crop's limit; None where it never did, or
     the limit is unknown."""
+    # A foreign sidecar may have any content in place of a number.
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
         return None
@@ -642,6 +669,7 @@ def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
     about = log.meta
     if len(heads) < 2 or about is None or about.crop is None:
         return None
+    # Heads repeat their reading, and a repeated reading would count twice.
     new = np.concatenate(
         ([True], np.any(heads[1:] != heads[:-1], axis=1) & np.isfinite(heads[1:]).any(axis=1))
     )
@@ -661,6 +689,7 @@ def _cover_ground(
     the ground that was passed over again."""
     coverage = Coverage(
         width_m,
+        # A narrow machine needs smaller cells to see its overlap.
         min(COVERAGE_CELL_M, width_m / 6.0),
         strips=[(one.left_m, one.right_m) for one in strips],
     )
@@ -668,6 +697,7 @@ def _cover_ground(
     gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
     turns = np.concatenate(([False], np.any(flows[1:] != flows[:-1], axis=1)))
     last = np.concatenate((gap[1:], [True]))
+    # An entry every half metre is accurate enough and keeps the raster fast.
     strides = np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0
     for k in np.flatnonzero(gap | turns | last | strides).tolist():
         if gap[k]:
@@ -677,6 +707,7 @@ def _cover_ground(
         coverage.extend_to(
             _to_place_pair(rows.end_m[k]),
             float(rows.heading_deg[k]),
+            # At a switch the previous state applies up to this position.
             flows[k - 1 if turns[k] else k].tolist(),
         )
     return coverage.covered_area
@@ -693,6 +724,7 @@ def _count_doses(log: RunLog) -> tuple[int | None, int | None]:
     words = [
         word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")
     ]
+    # Only point mode writes such events.
     if not words:
         return None, None
     return (
@@ -725,6 +757,7 @@ def _check_machine_width(log: RunLog, machine: Machine) -> None:
     imported = log.meta.extra.get("imported") if log.meta is not None else None
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
+    # Areas scale with the width, so a wrong machine makes every area wrong.
     if isinstance(stated, int | float) and abs(width - stated) > WIDTH_TOLERANCE * stated:
         raise ExportError(
             f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
@@ -754,6 +787,7 @@ def _find_begin_utc(log: RunLog) -> dt.datetime | None:
     """Returns the UTC of time 0; None where the log has none."""
     texts = log.texts("utc")
     known = np.flatnonzero(texts != "")
+    # The first known UTC fixes the zero of the log's time.
     if len(known):
         at = int(known[0])
         moment = _parse_utc_moment(str(texts[at]))

@@ -92,12 +92,14 @@ def build_as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]
         applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at]))
         for at, sign in ((0, -1), (-1, 1))
     )
+    # ISO 11783-10 requires absolute times.
     if begin is None or end is None:
         raise ExportError(
             f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
             "started_utc next to it"
         )
     root = make_task_root(from_terminal=True)
+    # The presentation makes terminals show kg/ha instead of mg/m2.
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     SubElement(root, "PDT", A="PDT1", B=clean_task_name(applied.product.name))
     if applied.field_deg is not None:
@@ -107,6 +109,7 @@ def build_as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]
             "1",
         )
     _add_device(root, applied)
+    # State 4 of a task is "completed".
     task = SubElement(root, "TSK", A="TSK1", B=clean_task_name(applied.title), G="4")
     if applied.field_deg is not None:
         task.set("E", "PFD1")
@@ -135,15 +138,18 @@ def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
     """Yields a record at the end of each segment, with the sums so far, and a record where work
     stops."""
     s = applied.stretches
+    # Sums are rounded after adding, so that rounding errors do not accumulate.
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
     square_metres = np.round(np.cumsum(s.area_m2)).astype(np.int64).tolist()
     millimetres = np.round(1000.0 * np.cumsum(_calc_effective_m(applied))).astype(np.int64).tolist()
     ends = s.time_s + 0.5 * s.duration_s
+    # The last segment always ends the work.
     stops = np.append(
         s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > MIN_WORK_BREAK_S, True
     ).tolist()
     for k, end_s in enumerate(ends.tolist()):
         values = [
+            # 100 mg/m2 are 1 kg/ha.
             _round_or_none(100.0 * s.target_kg_ha[k]),
             _round_or_none(100.0 * s.applied_kg_ha[k]),
             round(1000.0 * s.width_m[k]),
@@ -157,7 +163,11 @@ def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
         if stops[k]:
             # The record is a millisecond later, because readers expect increasing times.
             yield _make_time_record(
-                applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None]
+                # Totals are not repeated, because a record holds only changed values.
+                applied,
+                k,
+                end_s + 0.001,
+                [None, 0, None, None, 0, None, None, None],
             )
 
 
@@ -213,6 +223,7 @@ def _add_device(root: Element, applied: AsApplied) -> None:
     element = SubElement(
         device, "DET", A=DEVICE_ELEMENT, B="1", C="1", D="applicator", E="0", F="0"
     )
+    # Each value is described once, even if it is both logged and totalled.
     described = sorted({*LOGGED_DDIS, *TOTAL_DDIS})
     for number, _ in enumerate(described, start=2):
         SubElement(element, "DOR", A=str(number))
@@ -223,6 +234,7 @@ def _add_device(root: Element, applied: AsApplied) -> None:
             A=str(number),
             B=f"{ddi:04X}",
             C="0",
+            # Triggers of ISO 11783-10: 16 is total, 1 is time interval.
             D="16" if ddi in TOTAL_DDIS else "1",
             E=DDI_NAMES[ddi],
         )

@@ -47,6 +47,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    # The suffix is checked before the folder is created.
     if suffix not in (".csv", ".geojson", ".json", ".shp", ".gpkg", ".zip", ""):
         raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN_ENDINGS}")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -71,6 +72,7 @@ def write_export_csv(applied: AsApplied, path: Path) -> None:
     writer.writerow(["utc", *(column.name for column in EXPORT_COLUMNS)])
     for utc, values in iter_export_records(applied):
         writer.writerow(
+            # Unknown values are empty cells, which spreadsheets ignore in sums.
             [
                 utc,
                 *(
@@ -84,6 +86,7 @@ def write_export_csv(applied: AsApplied, path: Path) -> None:
 
 def write_export_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes RFC 7946; the foreign member `topdress` holds the sums. Raises OSError."""
+    # Nine decimals are 0.1 mm, and fewer digits make the file smaller.
     corners = applied.stretches.corners_deg.round(9).tolist()
     features = []
     for k, (utc, values) in enumerate(iter_export_records(applied)):
@@ -91,6 +94,7 @@ def write_export_geojson(applied: AsApplied, path: Path, polygons: bool = False)
             zip((column.name for column in EXPORT_COLUMNS), values, strict=True)
         )
         if polygons:
+            # GeoJSON expects longitude before latitude.
             ring = [[lon, lat] for lat, lon in corners[k]]
             geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
         else:
@@ -101,6 +105,7 @@ def write_export_geojson(applied: AsApplied, path: Path, polygons: bool = False)
         features.append(
             {
                 "type": "Feature",
+                # A missing time is null, because an empty text is no time.
                 "properties": {"utc": utc or None, **properties},
                 "geometry": geometry,
             }
@@ -147,6 +152,7 @@ def write_export_shapefile(applied: AsApplied, path: Path, polygons: bool = Fals
         writer.field(TIME_SHORT_NAME, "C", 24)
         for column in EXPORT_COLUMNS:
             writer.field(column.short, "N", column.width, column.decimals)
+        # Text cells of a dBASE file have a fixed length.
         writer.field("PRODUCT", "C", 30)
         for k, (utc, values) in enumerate(iter_export_records(applied)):
             if polygons:
@@ -156,5 +162,6 @@ def write_export_shapefile(applied: AsApplied, path: Path, polygons: bool = Fals
             else:
                 writer.point(applied.stretches.lon_deg[k], applied.stretches.lat_deg[k])
             writer.record(utc, *values, applied.product.name[:30])
+    # Without the .prj many programs would not place the file on a map.
     write_atomically(path.with_suffix(".prj"), WGS84_PRJ)
     write_atomically(path.with_suffix(".cpg"), "UTF-8")

@@ -89,6 +89,7 @@ def read_agopengps(folder: Path) -> FieldData:
     FieldError : the folder is no field of AgOpenGPS, or a file cannot be read.
     OSError : a file cannot be opened.
     """
+    # Windows ignores case, so copied files may have any case.
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     if "field.txt" not in files:
         raise FieldError(f"{folder}: no Field.txt: allowed is the folder of a field of AgOpenGPS")
@@ -98,8 +99,10 @@ def read_agopengps(folder: Path) -> FieldData:
     findings: list[Finding] = []
     lines = _read_guidance_lines(files, plane)
     width = None
+    # A headland without points was deleted in AgOpenGPS.
     if rings and headlands and headlands[0][1].size:
         middle, least, most = calc_headland_width_m(rings[0][1], headlands[0][1])
+        # A job has one width for its headland, so an uneven headland is refused.
         if most - least <= MAX_HEADLAND_WIDTH_DIFFERENCE_M:
             width = middle
         else:
@@ -119,6 +122,7 @@ def read_agopengps(folder: Path) -> FieldData:
                 f"{len(driven)} inner boundary that is driven through: worked like the rest",
             )
         )
+    # Worked ground is mentioned, because the user may want to import it too.
     if "sections.txt" in files and len(marked := _parse_triangles(files["sections.txt"])):
         area = float(shapely.union_all(shapely.polygons(marked)).area) / 10_000.0
         findings.append(
@@ -132,7 +136,7 @@ def read_agopengps(folder: Path) -> FieldData:
     return FieldData(
         folder.resolve().name,
         degrees[0] if degrees else None,
-        # The first row is the colour.
+        # All further rings are holes that are not worked.
         tuple(degrees[1:]),
         tuple(lines),
         width,
@@ -168,6 +172,7 @@ def _read_start_fix(path: Path) -> _Plane:
 def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
     """Returns each ring of Boundary.txt or Headland.txt: whether it may be driven through, and its
     positions (n, 2), m."""
+    # Lines beginning with $ are headers of the file.
     rest = iter([line for line in _read_lines(path) if line and not line.startswith("$")])
     found, through = [], False
     for line in rest:
@@ -180,6 +185,7 @@ def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
     return [
         (driven, ring)
         for driven, ring in found
+        # A ring needs three corners; an empty headland is a valid file.
         if len(ring) >= 3 or path.name.lower() == "headland.txt"
     ]
 
@@ -205,6 +211,7 @@ def _parse_points(path: Path, rest: Iterator[str], count: int) -> Floats:
                 "between (is the "
                 "file cut off?)"
             ) from None
+        # A damaged file may contain "nan", which no later check would detect.
         if not (math.isfinite(east) and math.isfinite(north)):
             raise FieldError(f"{path}: {text[:40]!r}: allowed are finite numbers")
         rows.append((east, north))
@@ -230,6 +237,7 @@ def _read_track_lines(path: Path, plane: _Plane) -> list[FieldLine]:
         # The three lines are offset, mode and visibility.
         _, mode, _ = (next(rest, "") for _ in range(3))
         curve = _parse_points(path, rest, _parse_point_count(path, next(rest, "")))
+        # An AB line is stored with a curve of zero points.
         places = curve if mode not in (str(AB_LINE_MODE), "") and len(curve) > 1 else ends
         found.append(FieldLine(title, plane.to_deg(places)))
     return found
@@ -240,6 +248,7 @@ def _read_ab_lines(path: Path, plane: _Plane) -> list[FieldLine]:
     found = []
     for text in _read_lines(path):
         words = text.split(",")
+        # Other lines are headers of newer versions.
         if len(words) != 4:
             continue
         try:
@@ -284,8 +293,10 @@ def _parse_triangles(path: Path) -> Floats:
     rest = iter([line for line in _read_lines(path) if line])
     strips = [np.zeros((0, 3, 2))]
     for line in rest:
+        # The first row of a strip is its colour.
         rows = _parse_points(path, rest, _parse_point_count(path, line))[1:]
         if len(rows) > 2:
+            # Each further corner makes a triangle with the two before it.
             strips.append(np.stack((rows[:-2], rows[1:-1], rows[2:]), axis=1))
     all_of = np.concatenate(strips)
     one, other = all_of[:, 1] - all_of[:, 0], all_of[:, 2] - all_of[:, 0]
@@ -298,6 +309,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     """Writes the files that AgOpenGPS needs to open a field. Raises OSError."""
     origin = data.plane()
     plane = _Plane(origin.lat_deg, origin.lon_deg)
+    # AgOpenGPS writes its own dates in this format.
     today = f"{day_clock.read_local_now():%Y-%B-%d %I:%M:%S %p}"
     files = {
         "Field.txt": [
@@ -321,10 +333,12 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     }
     for ring in () if data.outline_deg is None else (data.outline_deg, *data.holes_deg):
         places = plane.to_m(ring)
+        # Inner boundaries are written as areas that must not be driven through.
         files["Boundary.txt"] += ["False", str(len(places)), *_format_places(places)]
     if data.outline_deg is not None and data.headland_m:
         inner = data.boundary(origin)
         assert inner is not None
+        # A headland that fills the whole field leaves no inner ring.
         shrunk = inner.inset_margin(data.headland_m).rings
         places = (
             np.array([origin.convert_to_deg(*place) for place in shrunk[0]])
@@ -356,6 +370,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
 def _format_places(places: Floats) -> list[str]:
     """Returns a line for each position, with the heading to the next position, radians, as
     AgOpenGPS stores it."""
+    # The last position points to the first, because a boundary is closed.
     way = np.roll(places, -1, axis=0) - places
     headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
     return [

@@ -50,6 +50,7 @@ class FieldData:
     def plane(self) -> TangentPlane:
         """Returns a plane in the middle of the outline, or of the first line. Raises FieldError for
         a field with neither."""
+        # A plane in the middle of the outline has the smallest distortion.
         if self.outline_deg is not None:
             places = self.outline_deg
         elif self.lines:
@@ -91,6 +92,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
         return data
     plane = data.plane()
     drawn = shapely.Polygon(_find_places_m(plane, data.outline_deg))
+    # The largest part is computed once, because both the message and the repair need it.
     part = find_largest_part(drawn)
     if drawn.is_valid or not part.area:
         return data
@@ -100,6 +102,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
         f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that "
         "it encloses"
     )
+    # Only the user can know whether the smaller parts belong to the field.
     if not largest:
         lat, lon = plane.convert_to_deg(east, north)
         raise FieldError(
@@ -111,6 +114,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
     def degrees(ring: shapely.LinearRing) -> Floats:
         return np.array([plane.convert_to_deg(*place) for place in ring.coords[:-1]])
 
+    # Holes in the removed parts would be outside of the repaired outline.
     holes = [
         hole
         for hole in data.holes_deg
@@ -120,6 +124,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
     return replace(
         data,
         outline_deg=degrees(part.exterior),
+        # A repair may make new holes where the outline encloses an area twice.
         holes_deg=(*holes, *map(degrees, part.interiors)),
         findings=(*data.findings, found),
     )
@@ -150,6 +155,7 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
     ------
     FieldError : lines have several headings and none is chosen, or the outline is unusable.
     """
+    # Without a new outline the job's plane is kept, so that its other positions stay valid.
     if data.outline_deg is None and before.boundary_m:
         plane = TangentPlane(before.origin_lat_deg, before.origin_lon_deg)
     else:
@@ -161,12 +167,14 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
         raise FieldError(f"{data.title}: {error}") from None
     if boundary is not None and data.outline_deg is not None:
         changes |= {
+            # A file without a title must not remove the title of the job.
             "title": data.title or before.title,
             "boundary_m": tuple(_round_places(plane, data.outline_deg)),
             "holes_m": tuple(tuple(_round_places(plane, hole)) for hole in data.holes_deg),
         }
     if data.lines:
         changes["lines"] = tuple(
+            # Titles in job files are limited to 80 letters.
             GuidanceLine(title=one.title[:80], points_m=tuple(_round_places(plane, one.places_deg)))
             for one in data.lines
         )
@@ -179,6 +187,7 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
 
 def _round_places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
     """Returns positions rounded to 0.1 mm, m east and north."""
+    # Four decimals of a metre are finer than any position of a machine.
     return [(round(east, 4), round(north, 4)) for east, north in _find_places_m(plane, degrees)]
 
 
@@ -187,6 +196,7 @@ def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None)
     differ."""
     headings = {}
     for one in data.lines:
+        # The direction from the first to the last point also suits curved lines.
         (east, north), (to_east, to_north) = (
             _find_places_m(plane, one.places_deg)[k] for k in (0, -1)
         )
@@ -194,12 +204,14 @@ def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None)
     if wanted is not None:
         if wanted not in headings:
             raise FieldError(f"{data.title}: line {wanted}: allowed {', '.join(headings)}")
+        # Rounding may give 360 degrees, which is not a valid heading.
         return round(headings[wanted], 4) % 360.0
     first = next(iter(headings.values()))
     # Lines in opposite directions are parallel too.
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
     if off > MAX_PARALLEL_DIFFERENCE_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
+        # The message lists all headings, so that the user can choose.
         raise FieldError(
             f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which"
         )
@@ -222,6 +234,7 @@ def build_field_data(ground: Ground, title: str) -> FieldData:
         degrees(ground.boundary_m) if ground.boundary_m else None,
         tuple(degrees(hole) for hole in ground.holes_m),
         tuple(FieldLine(one.title, degrees(one.points_m)) for one in ground.lines),
+        # A headland of zero width means that the job has none.
         ground.headland_m or None,
     )
 
@@ -240,4 +253,5 @@ def calc_headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, fl
     """
     edge = shapely.LinearRing(outline_m)
     away = shapely.distance(shapely.points(inner_m), edge)
+    # The median ignores the corners, where the distance is larger.
     return float(np.median(away)), float(away.min()), float(away.max())

@@ -50,6 +50,7 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
         for part in shapely.get_parts(shape)
         if part.geom_type == "Polygon" and not part.is_empty
     ]
+    # Names that occur several times are numbered, so that each can be chosen.
     count = Counter(title for title, _ in polygons)
     polygons = [
         (
@@ -66,6 +67,7 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
         for part in shapely.get_parts(shape)
         if part.geom_type == "LineString" and not part.is_empty
     ]
+    # Points alone cannot describe a field.
     if not polygons and not lines:
         raise FieldError(
             f"{path}: neither a polygon nor a line in it: allowed is a field's outline, or "
@@ -77,6 +79,7 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
         outline,
         holes,
         tuple(
+            # Shapely has the longitude first, fields of this program the latitude.
             FieldLine(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
             for k, (line_title, line) in enumerate(lines, start=1)
         ),
@@ -94,6 +97,7 @@ def read_named_shapes(path: Path) -> list[tuple[str, Any]]:
 def _read_shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
     """Returns names and shapes, and findings about the other contents. Raises FieldError,
     RefusedInput, OSError."""
+    # A task file is XML too, and its own reader knows its fields.
     layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
     files = None if layers else find_task_set(path)
     if files is not None:
@@ -109,6 +113,7 @@ def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str
             f"{path}: no shapefile, task set or field of AgOpenGPS in it: allowed is a .shp, "
             "TASKDATA.XML, or Field.txt with Boundary.txt"
         )
+    # Points are positions of a machine or samples, not the edge of a field.
     if len(layers) == 1 and layers[0].kind.startswith(("POINT", "MULTI")):
         raise FieldError(
             f"{path}: shapes of type {layers[0].kind}: allowed are polygons (an outline) and lines "
@@ -116,6 +121,7 @@ def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str
         )
     for layer in layers:
         where = path if len(layers) == 1 else f"{path}: {layer.name}"
+        # One number beyond 180 shows that the coordinates are in metres.
         highest = np.abs(shapely.get_coordinates(layer.shapes)).max(initial=0.0)
         if not highest <= 180.0:
             said = (
@@ -141,14 +147,17 @@ def _choose_outline(
     """Returns the outline's title, corners and holes, and findings. Raises FieldError where several
     fields are possible."""
     if name is not None:
+        # Names are compared without case, because users type them by hand.
         polygons = [
             one for one in polygons if one[0].casefold() == name.casefold()
         ] or _refuse_unclear_field(path, polygons, name)
     if not polygons:
+        # A file with lines only is valid: it has no outline.
         return "", None, (), []
     # The largest polygon is the field; the other polygons must be inside of it.
     title, outer = max(polygons, key=lambda one: one[1].area)
     others = [shape for _, shape in polygons if shape is not outer]
+    # Polygons next to each other are several fields, and one must be chosen.
     if not all(_is_inside_outline(outer, shape) for shape in others):
         _refuse_unclear_field(path, polygons, name)
     holes = [ring for ring in outer.interiors] + [shape.exterior for shape in others]
@@ -186,6 +195,7 @@ def _refuse_unclear_field(
 
 def _calc_area_ha(shape: Any) -> float:
     """Returns a polygon's area, ha."""
+    # The area is computed on a plane, because degrees have no common length.
     ring = _extract_ring_deg(shape.exterior)
     data = FieldData("", ring)
     places = data.plane().project_many_to_m(ring[:, 0], ring[:, 1])
@@ -194,6 +204,7 @@ def _calc_area_ha(shape: Any) -> float:
 
 def _extract_ring_deg(ring: Any) -> Floats:
     """Returns corners (k, 2) in latitude and longitude, not closed."""
+    # The last point repeats the first and is removed.
     return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
 
 
@@ -208,6 +219,7 @@ def write_field_shapes(data: FieldData, path: Path) -> None:
         ]
     )
     lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
+    # GeoJSON needs no library, so it also works without the extra gis.
     if path.suffix.lower() in GEOJSON_ENDINGS:
         features = [
             {

@@ -24,6 +24,7 @@ def find_task_set(path: Path) -> TaskSet | None:
     """Returns the task set at a path; None without a task set. Raises FieldError for several task
     sets, RefusedInput, OSError."""
     found = find_task_sets(path)
+    # The choice would decide about a field, so it is left to the user.
     if len(found) > 1:
         names = ", ".join(one.label for one in found[:12])
         raise FieldError(f"{path}: {len(found)} task sets: allowed is one, of {names}")
@@ -37,21 +38,25 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
     findings = [Finding("task_set", _describe_task_set(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []
     for field in root.findall("PFD"):
+        # Designators are optional in ISO 11783-10, ids are not.
         title = field.get("C") or field.get("A") or ""
         where = f"{files.label}: field {title}"
         for polygon in field.findall("PLN"):
             if polygon.get("A") == OUTLINE_TYPE:
                 shapes += [(title, one) for one in _build_polygons(polygon, where)]
             elif polygon.get("A") in OBSTACLE_TYPES:
+                # Obstacles are distinguished by their name in the job.
                 name = polygon.get("B") or "obstacle"
                 shapes += [(name, one) for one in _build_polygons(polygon, where)]
         if any(one.get("A") == HEADLAND_TYPE for one in field.findall("PLN")):
             text = f"headland of {title} not taken: a job has one width: say headland_m in it"
             findings.append(Finding("headland", text))
+        # Version 4 groups guidance lines into patterns; version 3 lists them directly.
         patterns = [(one.get("B", ""), one) for one in field.iter("GPN")]
         for called, parent in [*patterns, ("", field)]:
             for line in parent.findall("LSG"):
                 if line.get("A") == GUIDANCE_LINE:
+                    # A guidance line needs two points.
                     places = _parse_places_deg(line, where, 2)
                     shapes.append((called or line.get("B", ""), shapely.LineString(places)))
     if not shapes:
@@ -74,6 +79,7 @@ def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
     return [
         shapely.Polygon(
             outline.exterior,
+            # A point inside of the hole decides, because its corners may touch the outline.
             [hole.exterior for hole in holes if outline.contains(hole.representative_point())],
         )
         for outline in outlines
@@ -83,6 +89,7 @@ def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
 def _parse_places_deg(line: Element, where: str, least: int) -> np.ndarray:
     """Returns points (n, 2), longitude and latitude."""
     points = line.findall("PNT")
+    # Points in a binary file are an option of version 4 that hardly any program uses.
     if any(point.get("J") for point in points):
         raise FieldError(f"{where}: points in a binary file: allowed are points in the XML")
     try:
@@ -91,6 +98,7 @@ def _parse_places_deg(line: Element, where: str, least: int) -> np.ndarray:
         raise FieldError(f"{where}: a point without C and D: allowed are degrees") from None
     if len(found) < least:
         raise FieldError(f"{where}: a line of {len(found)} points: allowed {least} or more")
+    # Attributes C and D are latitude and longitude, so exchanged values exceed 90 degrees.
     if not (np.isfinite(found).all() and (np.abs(found) <= (180.0, 90.0)).all()):
         raise FieldError(f"{where}: a point beyond 90 or 180: allowed are degrees")
     return found
@@ -109,6 +117,7 @@ def _describe_task_set(root: Element) -> str:
     zones = {
         int(one.get("A", ""), 16)
         for one in root.findall("TSK/TZN/PDV")
+        # Only hexadecimal text can be an identifier.
         if one.get("A", "").isalnum() and set(one.get("A", "").lower()) <= set("0123456789abcdef")
     }
     if zones:

@@ -38,6 +38,7 @@ def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGroun
     RefusedInput : an outline cannot be used, in one line.
     OSError : a file cannot be opened.
     """
+    # Polygons are kept in degrees until the plane is known.
     shapes = _read_polygons_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
@@ -59,6 +60,7 @@ def _read_polygons_deg(path: Path) -> np.ndarray:
         raise FieldError(
             f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons"
         )
+    # The name decides for a single file, the content for a folder.
     if path.name.lower() == SECTIONS_FILE or (path.is_dir() and sniff_file_kind(path).id == "aog"):
         triangles = read_worked_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
@@ -73,6 +75,7 @@ def _read_polygons_deg(path: Path) -> np.ndarray:
     ]
     if not parts:
         raise FieldError(f"{path}: no polygon in it: allowed is ground that is done")
+    # Outlines that cross themselves too often would take minutes to rasterise.
     check_outlines(
         [
             [shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]

@@ -89,6 +89,7 @@ def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
     ------
     LogImportError : a line for each key that does not fit this file.
     """
+    # Missing columns are reported together, before any conversion.
     _require_columns(raw, mapping)
     times = read_row_times(raw, mapping.time)
     findings = list(raw.findings)
@@ -99,11 +100,13 @@ def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
     }
     if UTC_COLUMN in mapping.columns:
         columns[UTC_US_COLUMN] = _read_utc_us(raw, mapping.columns[UTC_COLUMN])
+    # Flows are converted after all columns, because they need the speed.
     _convert_flows(raw, mapping, columns)
     if mapping.working is not None:
         columns[STATE_COLUMN] = _find_state(raw, mapping.working, mapping)
     if mapping.extra == "keep":
         columns |= _collect_extras(raw, mapping, taken=set(columns))
+    # Rows are ordered at the end, so that all columns are sorted by the same index.
     columns = _order_rows(raw, {TIME_US_COLUMN: times.us, **columns}, findings)
     if mapping.rows == "answer_in_row":
         constants = [
@@ -132,10 +135,12 @@ def _convert_column(
 ) -> NDArray[Any]:
     """Returns a column of the log, (n,) numbers in its unit, or texts."""
     if column.constant is not None:
+        # A constant replaces a column, for example a fixed opening.
         return np.full(count_rows(raw.columns), float(column.constant))
     assert column.source is not None
     cells = raw.columns[column.source]
     missing = (*mapping.missing, *column.missing)
+    # Texts have neither unit nor scale.
     if name in TEXT_COLUMNS:
         return _clean_texts(cells, missing)
     found = parse_number_column(cells, raw.decimal_comma, missing)
@@ -156,6 +161,7 @@ def _convert_column(
         if name.startswith(EXTRA_COLUMN_PREFIX) and found.bad > _MAX_BAD_SHARE * cells.size:
             return _clean_texts(cells, missing)
         _report_bad_cells(raw, column.source, found, findings)
+    # Limits apply to the file's own numbers, before scale and unit.
     values = _empty_outside(raw, column, found.values, findings)
     converted = _convert_to_log_unit(values * column.scale + column.offset, name, column)
     if (
@@ -166,6 +172,7 @@ def _convert_column(
     ):
         # Litres times kg/l are kg.
         converted = converted * (mapping.density_kg_l or 1.0)
+    # Rounding removes the digits that only a conversion of units has added.
     return _round_digits(converted) if column.scale != 1.0 or column.unit else converted
 
 
@@ -187,6 +194,7 @@ def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
     if is_time_column(cells):
         return count_microseconds(cells)
     us = read_time_texts(cells, None, "UTC").us
+    # A column without a single date is a wrong column, not a gap.
     if np.isnan(us).all():
         raise LogImportError(
             raw.path,
@@ -201,6 +209,7 @@ def _report_bad_cells(
 ) -> None:
     """Adds a finding about cells that are no numbers. Raises LogImportError where most are none."""
     where = f"row {raw.first_row + found.row}"
+    # Many such cells mean that the import file names the wrong column.
     if found.bad > _MAX_BAD_SHARE * found.values.size:
         raise LogImportError(
             raw.path,
@@ -223,6 +232,8 @@ def _empty_outside(
 ) -> NDArray[np.float64]:
     """Returns numbers (n,), with NaN outside of the mapping's range, and adds a finding."""
     if column.valid is None:
+        # Values outside are emptied and counted instead of limited, because a limited value looks
+        # measured.
         return values
     low, high = column.valid
     outside = (values < low) | (values > high)
@@ -249,8 +260,10 @@ def _convert_to_log_unit(
     values = values * column.sign
     unit = find_named_unit(column.unit) if column.unit is not None else None
     quantity = find_quantity(name)
+    # Extra columns and efforts keep their own unit.
     if unit is None or name.startswith(EXTRA_COLUMN_PREFIX) or quantity == "share":
         return values
+    # A percentage needs the full value of the machine.
     if unit.name == "%":
         return values * ((column.full or 1.0) / 100.0)
     return convert_to_log_unit(values, unit, name)
@@ -269,14 +282,17 @@ def _convert_flows(raw: RawTable, mapping: ImportFile, columns: Columns) -> None
     ]
     if not flows:
         return
+    # The columns are listed from the most to the least processed speed.
     speed = next((columns[name] for name in SPEED_COLUMNS if name in columns), None)
     if speed is None:
         raise LogImportError(
             raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by"
         )
     assert mapping.width_m is not None
+    # A standing machine would divide by zero.
     moving = np.where(speed > MIN_MOVING_MPS, speed, np.nan)
     for name in flows:
+        # kg/s divided by m2/s is kg/m2; 10 000 m2 are 1 ha.
         columns[name] = columns[name] / (moving * mapping.width_m) * 10_000.0
 
 
@@ -291,6 +307,7 @@ def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray
         holds = np.isin(found, marks)
         if is_text_column(cells):
             words = {word.casefold() for word in working.equals if isinstance(word, str)}
+            # Case and blanks differ between versions of the same terminal.
             texts = [text.strip().lower() for text in cells.tolist()]
             holds |= np.array([text in words for text in texts])
             known = np.array([text != "" for text in texts])
@@ -300,6 +317,7 @@ def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray
             holds = holds & (found > working.above)
         if working.below is not None:
             holds = holds & (found < working.below)
+    # A condition that is never true is a typing error in nearly all cases.
     if not holds.any():
         kinds = format_list(
             repr(value) for value in sorted(set(convert_to_texts(cells).tolist()))[:6]
@@ -318,6 +336,7 @@ def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Colu
         mapping.time.column,
         mapping.time.date_column,
     }
+    # A column of words for the state would only repeat the state.
     if mapping.working is not None and mapping.working.equals:
         used.add(mapping.working.column)
     extras: Columns = {}
@@ -327,6 +346,7 @@ def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Colu
             continue
         found = parse_number_column(cells, raw.decimal_comma, mapping.missing)
         values = found.values if found.bad == 0 else _clean_texts(cells, mapping.missing)
+        # An empty column has no information.
         if not (values != "" if is_text_column(values) else ~np.isnan(values)).any():
             continue
         name = make_extra_name(source, raw.units.get(source))
@@ -366,6 +386,7 @@ def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Col
     known = us[~np.isnan(us)]
     first = known[0] if known.size else 0.0
     try:
+        # Times are shifted to begin near 0, because doubles lose microseconds at 1e9 s.
         times = mend_times((us - first) / 1e6)
     except ValueError as error:
         raise LogImportError(raw.path, f"{str(error).replace('time_s', 'time')}") from None
@@ -390,8 +411,10 @@ def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
     longer = {TIME_US_COLUMN: np.concatenate(([times[0] - step], times))}
     for name, column in columns.items():
         if name in COMMAND_COLUMNS:
+            # The last command stays in force after the last row.
             longer[name] = np.concatenate((column, column[-1:]))
         elif name != TIME_US_COLUMN:
+            # A state or constant also applies to the additional row; a reading does not.
             is_held = name in (*constants, STATE_COLUMN)
             before = column[:1] if is_held else make_unknown_like(column, 1)
             longer[name] = np.concatenate((before, column))

@@ -72,6 +72,7 @@ DRIVE_COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCandidate]) -> None:
     """Converts the first rows by the guess, and changes or doubts each part that their numbers
     contradict."""
+    # A part of the file is sufficient for the tests, and a season's log would take minutes.
     head = RawTable(
         raw.path,
         select_rows(raw.columns, slice(MAX_TESTED_ROWS)),
@@ -82,6 +83,7 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
     )
     try:
         tried = convert_table(head, out.mapping.model_copy(update={"extra": "drop"}))
+    # Unusable times make all further tests meaningless, so the check ends with this doubt.
     except TableError as trouble:
         out.doubts.append(
             Doubt(("time",), _describe_too_close(raw, out) or str(trouble).splitlines()[0])
@@ -93,6 +95,7 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
         for name, column in tried.columns.items()
         if is_number_column(column) and name not in (TIME_US_COLUMN, UTC_US_COLUMN)
     }
+    # The order matters: wrong times would make speeds wrong, and wrong speeds every rate.
     _check_row_spacing(time_s, out)
     _check_speed_units(time_s, columns, out, chosen)
     _check_ranges(columns, out)
@@ -109,6 +112,7 @@ def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
     steps = count_differences(
         parse_number_column(raw.columns[time.column], raw.decimal_comma).values
     )
+    # Times that do not grow have another fault, which is reported elsewhere.
     if not steps.size or not (steps > 0).all():
         return ""
     each = calc_median(steps)
@@ -121,12 +125,14 @@ def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
 def _check_row_spacing(time_s: NDArray[np.float64], out: ImportGuess) -> None:
     """Adds a doubt where rows are so far apart, or so close, that the times probably have another
     unit."""
+    # Two rows give no reliable interval, and a counted row has no unit.
     if (
         len(time_s) < 3
         or out.mapping.time.counts == "rows"
         or any(doubt.key == ("time",) for doubt in out.doubts)
     ):
         return
+    # The median is not changed by pauses of the log.
     step_s = float(np.median(np.diff(time_s)))
     if not MIN_ROW_STEP_S <= step_s <= MAX_ROW_STEP_S:
         whole, each = (
@@ -149,6 +155,7 @@ def _check_speed_units(
     chosen: Mapping[str, ColumnCandidate],
 ) -> None:
     """Compares speeds with the distances between positions, and corrects or doubts their units."""
+    # Only positions give an independent measure of speed.
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
@@ -163,6 +170,7 @@ def _check_speed_units(
         column, key = out.mapping.columns[name], ("columns", name)
         written = find_named_unit(column.unit or "m/s")
         assert written is not None
+        # A wheel may slip or be calibrated wrongly, so its ratio may differ from 1.
         slips = (
             name == "wheel_speed_mps"
             and chosen[name].unit is not None
@@ -171,6 +179,7 @@ def _check_speed_units(
         # The converted speed fits, so the unit from the header or the range is right.
         if unit == "m/s" or slips:
             out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
+            # The positions have answered the question about the unit.
             out.doubts = [
                 doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text
             ]
@@ -190,6 +199,7 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
     """Adopts the unit that fits the positions. `ratio` is the file's own number for 1 m/s between
     positions."""
     key = ("columns", name)
+    # A ratio between two known units is reported as a doubt, never rounded.
     fits = identify_unit(ratio, physics.SPEED_FACTORS)
     if fits is None:
         out.doubts.append(
@@ -211,6 +221,7 @@ def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> 
         low, high = PLAUSIBLE_RANGES[name]
         noise = RANGE_NOISE_SHARE * np.abs(known).max()
         outside = known[(known < low - noise) | (known > high + noise)]
+        # Single outliers are no evidence against a unit.
         if outside.size > 0.01 * known.size:
             text = (
                 f"{outside.size} of {known.size} values such as {outside[0]:g} are beyond "
@@ -232,6 +243,7 @@ def _check_commands(
             continue
         key = ("columns", command)
         one = chosen.get(command)
+        # A command with a unit needs no scale.
         if one is not None and one.unit is None and not one.implied and command in DRIVE_COMMANDS:
             bare = not has_any_word(fold_column_name(one.source), QUANTITY_WORDS)
             _scale_command(
@@ -241,6 +253,7 @@ def _check_commands(
                 float(np.nanmax(np.abs(columns[command]))),
                 out,
             )
+        # A reading follows its command later; the lag distinguishes both.
         found = physics.find_answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.MIN_CORRELATION:
             # A rate may precede its target where the look-ahead is set too long.
@@ -259,6 +272,7 @@ def _check_commands(
                     "after the "
                     "reading",
                 )
+        # In a table of settings every row has its own command, so no lag can be found.
         elif command in DRIVE_COMMANDS and physics.is_settings_table(time_s, columns[command]):
             apart_s = float(np.median(np.diff(time_s)))
             _take_answer_in_row(
@@ -271,6 +285,7 @@ def _check_commands(
 
 def _take_answer_in_row(out: ImportGuess, text: str) -> None:
     """Interprets rows as settings with their answers, with a doubt."""
+    # Several drives may show it, but the mapping has one rule for all rows.
     if out.mapping.rows != "answer_in_row":
         out.mapping = out.mapping.model_copy(update={"rows": "answer_in_row"})
         out.doubts.append(Doubt(("rows",), text))
@@ -280,10 +295,12 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
     """Scales a command without a unit. `most` is its largest number. `bare` means that its name
     states no quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
+    # The scale answers the question about the missing unit.
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
         out.doubts.append(Doubt(key, "no unit in the header, and the readings do not tell a scale"))
         return
+    # A ratio near 1 means that both have the same unit.
     if not bare or abs(factor - 1.0) < SAME_UNIT_SHARE:
         out.doubts.append(
             Doubt(
@@ -295,6 +312,7 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
         return
     column = out.mapping.columns[command]
     why = "the usual ratio of its reading to it; what the maker says of it is better"
+    # The machine file is better evidence than the ratio of readings, which includes slip.
     if command in out.full:
         factor = calc_value_per_count(most, out.full[command])
         why = (
@@ -314,6 +332,7 @@ def _check_hopper(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> 
     """Adds a doubt about a hopper whose mass only increases: its column may be exchanged with the
     applied mass."""
     hopper = columns.get("hopper_kg")
+    # A short log cannot distinguish a refill from a counter.
     if hopper is not None and hopper.size > 20:
         known = hopper[np.isfinite(hopper)]
         if known.size > 20 and np.mean(np.diff(known) > 0.0) > 0.8 and known[-1] > known[0]:
@@ -342,6 +361,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
     ------
     LogImportError : the table has no readable times.
     """
+    # Time comes first, because its column must not be chosen for a quantity.
     time = guess_times(raw)
     out = ImportGuess(
         ImportFile(source=raw.source, time=time.times, columns={}),
@@ -357,6 +377,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
     used = {time.times.column, time.times.date_column}
     chosen = choose_candidates(find_candidates(raw, used), out)
     columns: dict[str, Column] = {}
+    # The order of the log is used, so that the import file is easy to compare with others.
     for target in (name for name in COLUMNS if name in chosen):
         column = build_column(chosen[target], out)
         if column is not None:
@@ -370,6 +391,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
         working=working,
         width_m=_find_flow_width(columns, raw),
     )
+    # The guess is tested on the numbers themselves before it is returned.
     check_guess(raw, out, chosen)
     report_unnamed_drive(raw, out, used)
     if unseen := find_unseen_commands(raw, out, used):
@@ -396,6 +418,7 @@ def _find_flow_width(columns: dict[str, Column], raw: RawTable) -> float | None:
         if column.unit and find_quantity(name) == "rate"
     ]
     return (
+        # Only a flow needs the width for its conversion to a rate.
         raw.width_m if any(unit is not None and unit.quantity == "flow" for unit in units) else None
     )
 
@@ -406,6 +429,7 @@ def _find_work_column(
     """Returns the column that states when the machine worked, a switch or a word; None without such
     a column."""
     taken = {column.source for column in columns.values()} | used
+    # The log's own columns of the state need no guess.
     if "state" in columns or "work_switch" in columns:
         return None
     for source in raw.names:
@@ -417,6 +441,7 @@ def _find_work_column(
         texts = (
             column.tolist() if is_text_column(column) else format_numbers(column.astype(np.float64))
         )
+        # Twelve different words are enough to see that a column is no switch.
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in SWITCH_ON_WORDS]
         # A column with more words is no switch.
@@ -425,6 +450,7 @@ def _find_work_column(
         rivals = [
             name for name in raw.names if name.partition(" (")[0] == source.partition(" (")[0]
         ]
+        # Several sections may each have a switch, and their states may differ.
         if len(rivals) > 1:
             out.doubts.append(
                 Doubt(
@@ -435,6 +461,7 @@ def _find_work_column(
             )
         mark: float | str = float(on[0]) if on[0].removesuffix(".0").isdigit() else on[0]
         out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
+        # A lift sensor may be on in either position, so the operator must decide.
         if has_any_word(plain, AMBIGUOUS_SWITCH_WORDS):
             out.doubts.append(Doubt(("working",), f"{source}: is {on[0]} working, or lifted?"))
         return Working(column=source, equals=(mark,))

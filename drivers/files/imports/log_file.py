@@ -37,9 +37,11 @@ def build_log_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as they are written: the columns of the run log in their order, then
     extra columns; times as texts."""
     there = log.columns
+    # Time comes first, as in every run log.
     columns: Columns = {"time_s": make_text_column(_format_times(there[TIME_US_COLUMN]))}
     if UTC_US_COLUMN in there:
         columns["utc"] = make_text_column(_format_utc_times(there[UTC_US_COLUMN]))
+    # Columns of the run log keep its order, so that logs of different machines are comparable.
     own = [name for name in COLUMNS if name in there and name not in ("time_s", "utc")]
     beyond = [
         name
@@ -62,6 +64,7 @@ def build_run_log(
 def build_read_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as a reader of the written log gets them, times as numbers."""
     columns = build_log_columns(log)
+    # A reader of the log gets numbers, so the texts are converted back.
     return {**columns, "time_s": columns["time_s"].astype(np.float64)}
 
 
@@ -85,6 +88,7 @@ def write_imported_log(
     ------
     OSError : the log cannot be written.
     """
+    # A Parquet store holds its sidecar inside of the file.
     if path.suffix.lower() in STORE_SUFFIXES:
         read = build_run_log(path, log, mapping, mapping_file)
         write_log_store(path, read.columns, read.meta, read.findings)
@@ -95,6 +99,7 @@ def write_imported_log(
     # The log is renamed after its sidecar exists, so that no log lacks a sidecar.
     part = path.with_name(f".{path.stem}.part.csv")
     try:
+        # The temporary name begins with a point, so that no list of logs shows it.
         write_atomically(part, text)
         write_atomically(find_sidecar(path), _format_sidecar(log, mapping, mapping_file))
         part.replace(path)
@@ -106,6 +111,7 @@ def write_imported_log(
 def is_import_of(log: Path, files: Iterable[Path]) -> bool:
     """Returns whether the log at `log` was made from exactly these files, so that it can be made
     again."""
+    # A damaged or edited sidecar must not stop an import, so every error means "no".
     try:
         meta = read_log_meta(log)
         stated = [] if meta is None else meta.extra["imported"]["files"]
@@ -123,6 +129,7 @@ def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | 
             "sha256": _calc_checksum(part.raw.path),
             "rows": count_rows(part.columns),
             "begins_s": begin,
+            # The begin of each part allows a row of the log to be traced to its file.
         }
         for part, begin in zip(log.parts, log.begins_s, strict=True)
     ]
@@ -136,6 +143,7 @@ def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | 
         "found": [*found, *map(str, log.findings)],
     }
     widths = {part.raw.width_m for part in log.parts}
+    # Parts with different widths have no common width.
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
         # As-applied areas are compared with this width.
         stated["width_m"] = width_m
@@ -149,6 +157,7 @@ def _calc_checksum(path: Path) -> str:
     """Returns the checksum of a file; for a task's folder, of the checksums of its files."""
     if not path.is_dir():
         return calc_sha256(path)
+    # Sorted names make the checksum independent of the order on the disk.
     lines = [
         f"{file.name} {calc_sha256(file)}" for file in sorted(path.iterdir()) if file.is_file()
     ]
@@ -167,13 +176,16 @@ def _drop_empty_keys(value: object) -> object:
 def _format_times(us: NDArray[np.float64]) -> list[str]:
     """Returns seconds with 3 decimals, or with 6 where two rows fall into the same millisecond."""
     whole = us.astype(np.int64)
+    # Half a millisecond is added, because the integer division rounds down.
     ms = (whole + 500) // 1000
+    # Rows within one millisecond would otherwise have equal times, which no reader accepts.
     unit, digits = (whole, 6) if (np.diff(ms) == 0).any() else (ms, 3)
     return [f"{one // 10**digits}.{one % 10**digits:0{digits}d}" for one in unit.tolist()]
 
 
 def _format_utc_times(us: NDArray[np.float64]) -> list[str]:
     """Returns ISO 8601 with milliseconds; empty for unknown times."""
+    # NaN cannot be converted to an integer; such texts are emptied below.
     times = np.nan_to_num(us).astype(np.int64).astype(TIME_TYPE)
     texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
     return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
@@ -182,6 +194,7 @@ def _format_utc_times(us: NDArray[np.float64]) -> list[str]:
 def _round_column(name: str, column: NDArray[Any]) -> NDArray[Any]:
     if is_text_column(column):
         return make_texts_array(column.tolist())
+    # Columns of counts and flags have no decimals.
     if name in WHOLE_COLUMNS:
         return np.round(column)
     if name in DECIMALS and name not in TEXT_COLUMNS:

@@ -64,6 +64,7 @@ def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = 
     """
     said = said or Source()
     if data is None:
+        # The size is checked before the file is read, because a wrong file may be of any size.
         if not path.exists():
             raise LogImportError(path, "no such file")
         check_file(path)
@@ -74,6 +75,7 @@ def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = 
 
 def _read_by_kind(path: Path, said: Source) -> RawTable:
     kind = said.kind or _find_source_kind(path)
+    # A folder is a task set or a shapefile; all other formats are single files.
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
         raise LogImportError(
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
@@ -106,14 +108,17 @@ def _add_stated_units(raw: RawTable) -> RawTable:
     for name, column in raw.columns.items():
         if not is_text_column(column):
             continue
+        # A long text is a remark, so its beginning is enough to see that it is no unit.
         first = next(filter(None, column[:SEARCHED_ROWS].tolist()), "")[:MAX_UNIT_LENGTH]
         if first and parse_cell(first) is None:
             kinds = dict.fromkeys(text[:MAX_UNIT_LENGTH] for text in column.tolist() if text)
+            # One text more than the limit shows that a column has too many.
             texts[name] = list(islice(kinds, MAX_UNIT_TEXTS + 1))
     stated = merge_units(
         find_text_units(ANY_COLUMN, raw.above, "the lines above the header"),
         find_unit_columns(texts),
     )
+    # A unit without a column belongs to the rate, because only rates have ambiguous units.
     units = {
         name: stated.get(name.casefold(), stated.get(ANY_COLUMN))
         for name in raw.names
@@ -136,6 +141,7 @@ def _find_source_kind(path: Path) -> SourceKind:
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = open_archive(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
+        # A worked task has positions of its own, so shapefiles next to it are ignored.
         return "shapefile" if shapes and not has_time_log(files) else "isoxml"
     return _KIND_OF_SUFFIX.get(path.suffix.lower(), "text")
 
@@ -145,6 +151,7 @@ def _read_parquet(path: Path, said: Source) -> RawTable:
     require_extras("Parquet", "parquet")
     import polars as pl
 
+    # The reader allocates memory by the file's own numbers, so they are checked first.
     check_parquet(path)
     try:
         frame = pl.read_parquet(path, use_pyarrow=False)
@@ -154,6 +161,7 @@ def _read_parquet(path: Path, said: Source) -> RawTable:
         ) from None
     if frame.height == 0:
         raise LogImportError(path, "no rows in it")
+    # Repeated texts make a small file large in memory.
     check_text_bytes(frame, path)
     columns = {name: _convert_series(frame[name]) for name in frame.columns}
     utc = frozenset(
@@ -171,5 +179,6 @@ def _convert_series(series: pl.Series) -> NDArray[Any]:
         return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)
     if series.dtype in (pl.Date, pl.Datetime):
         micro = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
+        # The time zone is dropped after the conversion to UTC, because numpy has none.
         return np.array(micro.dt.timestamp("us").cast(pl.Datetime("us")).to_numpy(), TIME_TYPE)
     return make_text_column(series.cast(pl.String, strict=False).fill_null("").to_list())

@@ -81,6 +81,7 @@ def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
     files = choose_task_set(path, inside)
     if files is None:
         return None
+    # Devices may be described in external files, so the whole tree is read before any log.
     root = read_task_tree(files)
     parts = read_device_elements(root)
     return TaskLogs(root, parts, read_time_logs(files, root, parts))
@@ -88,6 +89,7 @@ def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
 
 def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
     """Returns the table of the chosen logs. Raises LogImportError."""
+    # A task set without time logs holds plans only.
     if not found.logs:
         raise LogImportError(
             path,
@@ -104,7 +106,9 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
         for log in logs
         if log.lost
     ]
+    # A log without records is harmless next to others, but a damaged log may hide part of the work.
     if empty := [log for log in logs if log.trouble]:
+        # If no log is readable, all reasons are listed, because the operator cannot choose another.
         if len(empty) == len(logs):
             raise LogImportError(path, *(f"{log.name}: {log.trouble}" for log in logs))
         if gone := [log for log in empty if "no record" not in log.trouble]:
@@ -118,8 +122,10 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
                 f"({format_list(log.name for log in empty)})",
             )
         )
+    # Records of several logs are joined by time, so the logs must be in the order of their begins.
     logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
     _check_no_overlap(path, found, logs)
+    # The same value occurs in several logs of a task; the key removes these repetitions.
     logged = list(
         {
             (one.ddi, one.element): one
@@ -128,6 +134,7 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
             if said.device is None or _is_of_device(one, said.device)
         }.values()
     )
+    # The decision is made before names are given, because it changes the units of the columns.
     presented = _is_by_presentation(path, logged, said, findings)
     names = _name_columns(logs, logged)
     columns = _join_logs(logs, names, presented)
@@ -145,6 +152,7 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
                 f"{format_list(log.name for log in logs)}",
             )
         )
+    # The task is recorded only if the set has several, so that a later import finds the same one.
     several = len({log.task for log in found.logs}) > 1
     source = said.model_copy(
         update={
@@ -167,6 +175,7 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
 
 def _choose_logs(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
     """Returns the logs of a single task. Raises LogImportError with a line for each log."""
+    # All three choices are applied together, so that their message lists every remaining log.
     logs = [
         log
         for log in found.logs
@@ -185,6 +194,7 @@ def _choose_logs(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
             f"{', '.join(chosen)}: no such time log: allowed with {CHOICE_OPTIONS} are",
             *describe_logs(found),
         )
+    # Logs of different tasks are never joined, because their products and fields may differ.
     tasks = {log.task for log in logs}
     if len(tasks) > 1:
         raise LogImportError(
@@ -208,6 +218,7 @@ def _is_of_device(one: LoggedValue, device: str) -> bool:
 def describe_logs(found: TaskLogs) -> list[str]:
     """Returns a line for each time log: its task, device, dates, rows, hectares and columns."""
     lines = [_describe_log(log, found) for log in found.logs[:MAX_LISTED_LOGS]]
+    # A long list would push the first lines out of a terminal.
     more = len(found.logs) - MAX_LISTED_LOGS
     return [*lines, f"... {many(more, 'more time log')}"] if more > 0 else lines
 
@@ -221,6 +232,7 @@ def _describe_log(log: TimeLog, found: TaskLogs) -> str:
     where = f"task {log.task}{title}, log {log.name}, device {devices}"
     if log.trouble:
         return f"{where}: {log.trouble}"
+    # The counted area is more exact than distance times width, and its source is named.
     area = calc_worked_ha(log, found.parts)
     size = "hectares not given" if area is None else f"{area[0]:.3f} ha ({area[1]})"
     names = format_list(dict.fromkeys(one.meaning.name for one in log.logged), 8)
@@ -239,6 +251,7 @@ def _format_moment(us: int) -> str:
 def _check_no_overlap(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
     """Refuses logs that overlap in time. Raises LogImportError."""
     for before, after in pairwise(logs):
+        # An equal time counts as overlap too, because two records of one moment cannot be ordered.
         if after.first_us <= before.last_us:
             raise LogImportError(
                 path,
@@ -257,6 +270,7 @@ def _is_by_presentation(
     odd = [one for one in logged if one.shown is not None]
     if not odd:
         return False
+    # One example is sufficient, because a device uses the same wrong step for all of its rates.
     one = odd[0]
     assert one.shown is not None
     text = (
@@ -264,6 +278,7 @@ def _is_by_presentation(
         f"{one.ddi or 0:04X}, and "
         f"{_format_in_log_unit(one.shown)} as the device shows it"
     )
+    # Either reading may be a wrong dose by a factor of ten, so the program never chooses.
     if said.values_from is None:
         raise LogImportError(
             path, f"{text}: say which holds: --values-from ddi or presentation (source.values_from)"
@@ -275,6 +290,7 @@ def _is_by_presentation(
 def _format_in_log_unit(meaning: NumberMeaning) -> str:
     """Returns a raw number of 100, in the log's unit of its quantity, as text."""
     unit = find_named_unit(meaning.unit)
+    # A sample of 100 makes the ratio of both readings visible in the message.
     value = 100.0 * meaning.step + meaning.offset
     if unit is None or unit.quantity not in ("rate", "flow"):
         return f"{value:g} {meaning.unit}"
@@ -289,8 +305,10 @@ def _name_columns(
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
+        # Boom sections often repeat the value of the machine; repeated columns are dropped.
         alike = _drop_repeats([one for one in logged if one.meaning.name == name], logs)
         wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
+        # Names of position columns are reserved, so that no value hides a position.
         free = make_unique([*sorted(taken), *wanted])[len(taken) :]
         names |= {
             (one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)
@@ -309,6 +327,7 @@ def _drop_repeats(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[Log
 
 
 def _is_same_number(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
+    # The same value may have different row numbers in different logs.
     rows = [
         next(
             (
@@ -320,6 +339,7 @@ def _is_same_number(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
         )
         for it in (one, other)
     ]
+    # A log that lacks both values does not distinguish them.
     if log.values is None or rows[0] is None or rows[1] is None:
         return rows[0] == rows[1]
     return (
@@ -335,6 +355,7 @@ def _join_logs(
     tables = []
     for log in logs:
         columns = build_time_log_columns(log, names, presented)
+        # A single log needs no mark, because the log begins with it.
         if len(logs) > 1:
             mark = [f"{LOG_BEGINS}{log.name}", *[""] * (count_rows(columns) - 1)]
             columns[EVENTS_COLUMN] = make_text_column(mark)
@@ -346,6 +367,7 @@ def _describe_elements(
     logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]
 ) -> list[Finding]:
     """Returns a finding that names the elements in columns' names."""
+    # Only elements that appear in a column's name need an explanation.
     shown = {
         one.element: one.part
         for one in logged
@@ -364,6 +386,7 @@ def _find_shared_width(
 ) -> float | None:
     """Returns the working width, m, that all logs share; None for an unknown or changing width."""
     widths = {find_log_width(log, found.parts) for log in logs}
+    # Different widths mean that sections were switched, so no single width is correct.
     if len(widths) == 1:
         return widths.pop()
     devices = {one.part.device for one in logged if one.part is not None}
@@ -392,6 +415,7 @@ def describe_task_file(path: Path) -> list[str] | None:
     lines = [
         f"{path}: task file, version "
         f"{root.get('VersionMajor', '?')}.{root.get('VersionMinor', '?')}, {origin}"
+        # Plans and completed work are both listed, because a task file may hold either.
     ]
     for task in root.findall("TSK"):
         lines.append(f"{path}: {_describe_task(root, task)}")
@@ -399,6 +423,7 @@ def describe_task_file(path: Path) -> list[str] | None:
         area = field.get("D", "")
         lines.append(
             f"{path}: field {_format_name(field, 'C')}"
+            # The area is stored in m2 as an integer; 0 means that no program has computed it.
             + (f", {int(area) / 10_000:.4f} ha as it says" if area.isdigit() and int(area) else "")
         )
     for product in root.findall("PDT"):
@@ -432,6 +457,7 @@ def _describe_task(root: Element, task: Element) -> str:
 def _describe_device(device: Element, parts: dict[str, DeviceElement]) -> str:
     width = find_width_m(parts, device.get("A"))
     own = [part for part in parts.values() if part.device == device.get("A")]
+    # Type 4 of ISO 11783-10 is a section.
     sections = sum(part.kind == "4" for part in own)
     words = [f"{width:g} m wide" if width is not None else "width not given"]
     words += [many(sections, "section")] if sections else []

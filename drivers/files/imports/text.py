@@ -48,9 +48,11 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
 
     Zero bytes, which a power loss leaves, are not counted; UTF-16 is unchanged.
     """
+    # UTF-16 has a zero byte next to each letter, so its lines cannot be measured in bytes.
     long = [] if data.startswith(_UTF16_MARKS) else _find_long_lines(data)
     if not long:
         return data, []
+    # The line number is that of an editor, counted from 1.
     starts_at = data.count(b"\n", 0, long[0][0]) + 1
     said = Finding(
         "long_row",
@@ -58,6 +60,7 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
         f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE_LIMIT.most:,}",
         rows=len(long),
     )
+    # The kept pieces run from the end of each long line to the start of the next.
     ends = [0, *(min(end + 1, len(data)) for _start, end in long)]
     kept = b"".join(
         [
@@ -65,21 +68,26 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
             for end, start in zip(ends, [*(start for start, _end in long), len(data)], strict=True)
         ]
     )
+    # If nothing but the header would remain, the text is kept, and a later check refuses it.
     return (kept, [said]) if kept.partition(b"\n")[2].strip() else (data, [])
 
 
 def _find_long_lines(data: bytes) -> list[tuple[int, int]]:
     """Returns the first byte and line end of each long line. A long line has no line end in a half
     as long window, so only such windows are searched."""
+    # Half of the limit is the largest step that cannot jump over a long line.
     half, place, found = LINE_LIMIT.most // 2, 0, list[tuple[int, int]]()
     while place + half <= len(data):
         if data.find(b"\n", place, place + half) >= 0:
             place += half
             continue
+        # The window lies inside of a long line, so the line is measured in both directions.
         start, end = data.rfind(b"\n", 0, place) + 1, data.find(b"\n", place)
         end = len(data) if end < 0 else end
+        # The header is never dropped, because without it no column has a name.
         if start > 0 and end - start - data.count(b"\0", start, end) > LINE_LIMIT.most:
             found.append((start, end))
+        # The search continues after the line, in steps of the same length.
         place += half * max(1, (end - place) // half)
     return found
 
@@ -97,14 +105,17 @@ def find_unclosed_quote(data: bytes) -> int | None:
 
     A last line without a line end is ignored, because it was cut.
     """
+    # Most files have no quotes, and this test is the fastest.
     if b'"' not in data:
         return None
     opened = 0
+    # The last line may be incomplete, so its quote is not evidence.
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         if opened and number - opened > MAX_CELL_LINES:
             return opened
         if b'"' not in line:
             continue
+        # An odd number of quotes in a line closes a quote that an earlier line opened.
         if opened:
             opened = 0 if line.count(b'"') % 2 else opened
         elif line.count(b'"') % 2 and _is_opening_quote(line):
@@ -163,6 +174,7 @@ def convert_to_utf8(
     findings: list[Finding] = []
     if encoding.lower() not in ("utf-8", "utf8"):
         try:
+            # An encoding named by the user must not lose bytes silently; a guessed encoding may.
             data = data.decode(encoding, errors="replace" if said else "ignore").encode()
         except LookupError:
             raise LogImportError(
@@ -181,7 +193,9 @@ def convert_to_utf8(
             )
         else:
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
+    # The mark may remain after a conversion, and would become part of the first name.
     data = data.removeprefix(codecs.BOM_UTF8)
+    # Long lines are dropped before the other checks, whose time grows with the length of a line.
     data, long = drop_long_lines(data)
     findings = [*long, *findings]
     if b"\0" in data:
@@ -192,6 +206,7 @@ def convert_to_utf8(
     check_text(data, str(path))
     if not data.strip():
         raise TableError(path, "the file is empty")
+    # Only old Macintosh programs end lines with carriage returns.
     if b"\n" not in data and b"\r" in data:
         data = data.replace(b"\r", b"\n")
         findings.append(
@@ -211,9 +226,11 @@ def drop_cut_row(
     """Returns the text without an incomplete last row, and findings. `body` is the position of the
     rows. `own` means that the writer ends every row with a line end."""
     end = data.rfind(b"\n") + 1
+    # The body may begin after the last line end in a file with a header only.
     tail = data[max(end, body) :].strip(b"\r ")
     if not tail:
         return data, []
+    # A writer of another program may omit the last line end, so a row with all fields is complete.
     if not own and tail.count(sign.encode()) >= width - 1:
         said = "the last line has no line end, but all its fields: it was used"
         return data + b"\n", [Finding("no_last_line_end", said, rows=1)]
@@ -252,10 +269,12 @@ def read_cell_columns(
     TableError : no row has as many cells as there are names.
     """
     wanted = [name for name in names if wanted is None or name in wanted]
+    # Places of cells are computed once, because the loop below runs for every block.
     places = {name: place for place, name in enumerate(names)}
     rows = _EvenRows(data, body, sign, len(names), above)
     blocks: dict[str, list[CellColumn]] = {name: [] for name in wanted}
     for block in rows.iter_blocks():
+        # The block is transposed, because columns are converted much faster than rows.
         columns = list(zip(*block, strict=True))
         for name, parts in blocks.items():
             cells = columns[places[name]]
@@ -264,6 +283,7 @@ def read_cell_columns(
                 parts.append(NumberCells(found.values, found.bad, found.cell))
             else:
                 parts.append(make_text_column(cells))
+    # A file in which no row fits has the wrong separator or decimal mark.
     if rows.wrong and not rows.count:
         line, what, fields = rows.wrong[0]
         comma = "; is the decimal sign a comma? write points, or separate by semicolons"
@@ -282,6 +302,7 @@ class _EvenRows:
 
     def __init__(self, data: bytes, body: int, sign: str, width: int, above: int) -> None:
         self._reader = csv.reader(
+            # A view of the bytes avoids a second copy of the whole file.
             io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
             delimiter=sign,
         )
@@ -295,6 +316,7 @@ class _EvenRows:
             if len(cells) != self._width and not self._trim_row(cells):
                 continue
             block.append(cells)
+            # Full blocks are yielded at once, so that memory holds one block of Python objects.
             if len(block) == MAX_BLOCK_ROWS:
                 self.count += len(block)
                 yield block
@@ -309,15 +331,18 @@ class _EvenRows:
             try:
                 yield from self._reader
                 return
+            # The reader continues with the line after the faulty line.
             except csv.Error as error:
                 self.wrong.append((self._above + self._reader.line_num, str(error), 0))
 
     def _trim_row(self, cells: list[str]) -> bool:
         """Returns whether the row has the header's length, after removing empty cells after its
         last."""
+        # Some programs end every row with a separator, which makes an empty last cell.
         if len(cells) > self._width and not any(cells[self._width :]):
             del cells[self._width :]
             return True
+        # Blank rows are not reported, because many files separate parts by them.
         if any(cell.strip() for cell in cells):
             self.wrong.append(
                 (
@@ -347,6 +372,7 @@ def _join_blocks(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
     """Returns the blocks of a column as one column."""
     numeric = [part for part in parts if isinstance(part, NumberCells)]
     if is_numeric:
+        # Empty lists cannot be concatenated, so a table without rows is a special case.
         return NumberCells(
             np.concatenate([part.values for part in numeric]) if numeric else np.empty(0),
             sum(part.bad for part in numeric),
@@ -374,7 +400,9 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
     data, encoding, findings = convert_to_utf8(
         path, path.read_bytes() if data is None else data, said.encoding
     )
+    # Only the beginning is examined, because the dialect does not change within a file.
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
+    # The sample must not end inside of a line, which would look like a row with missing cells.
     if len(data) > SAMPLE_BYTES:
         sample = sample[: sample.rfind("\n")]
     try:
@@ -382,6 +410,7 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
     except csv.Error as error:
         raise LogImportError(path, f"not readable as a table: {error}") from None
     layout = dialect.layout
+    # Columns get neutral names, and the question about their meaning stays open.
     if layout.header < 0 and not said.names:
         first = dialect.rows[layout.body]
         said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
@@ -394,6 +423,7 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
         )
     names, units = _split_header_cells(dialect, said)
     columns, odd = _read_text_columns(path, data, dialect, names)
+    # The dialect is recorded, so that the next reading needs no detection.
     found = said.model_copy(
         update={
             "kind": "text",
@@ -417,6 +447,7 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
 
 
 def _split_header_cells(dialect: TextDialect, said: Source) -> tuple[list[str], dict[str, str]]:
+    # Names from the import file replace the header.
     if said.names:
         return make_unique(list(said.names)), {}
     layout = dialect.layout
@@ -432,6 +463,7 @@ def _read_text_columns(
 ) -> tuple[Columns, list[Finding]]:
     """Returns columns of texts without surrounding blanks, and without empty rows."""
     start = _find_line_start(data, dialect.layout.body)
+    # Several blanks between cells count as one separator.
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
@@ -442,6 +474,7 @@ def _read_text_columns(
         for name, column in cells.items()
         if not isinstance(column, NumberCells)
     }
+    # Rows with only separators come from spreadsheets that saved empty rows.
     filled = np.zeros(count_rows(columns), np.bool_)
     for column in columns.values():
         filled |= column != ""

@@ -81,6 +81,7 @@ class TimeLog:
     @property
     def rows(self) -> int:
         """Number of records."""
+        # A log that could not be read has no records.
         return 0 if self.heads is None else count_rows(self.heads)
 
     @property
@@ -116,8 +117,10 @@ def read_time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement
 def _read_time_log(
     files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: Element, name: str
 ) -> TimeLog:
+    # Name and title are known even if the files are missing, and they are shown to the operator.
     empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
     layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
+    # Data transfers are often copied without some of their files.
     if layout is None or data is None:
         absent = f"{name}.{'xml' if layout is None else 'bin'}"
         return _make_failed_log(empty, f"{absent}, which the task names, is not there")
@@ -125,6 +128,7 @@ def _read_time_log(
         time = ElementTree.fromstring(layout)
     except ElementTree.ParseError as error:
         return _make_failed_log(empty, f"{name}.xml: not readable as XML: {error}")
+    # Some terminals write the time element inside of another root.
     time = (
         time
         if time.tag == "TIM"
@@ -132,7 +136,9 @@ def _read_time_log(
     )
     logged = tuple(_describe_value(root, parts, item) for item in time.findall("DLV"))
     place = time.find("PTN")
+    # An attribute with an empty value is part of every record; an absent attribute is not.
     fields = [row for row in _HEAD_FIELDS if place is not None and place.get(row[1]) == ""]
+    # The record's fixed part ends with the number of values that follow.
     head = np.dtype([*_TIME_FIELDS, *((row[4], row[2]) for row in fields), ("values", "u1")])
     starts, end = _find_record_starts(data, head.itemsize)
     if not len(starts):
@@ -140,7 +146,9 @@ def _read_time_log(
             TimeLog(empty.name, empty.task, empty.title, logged), "no record in it"
         )
     raw = np.frombuffer(data, np.uint8)
+    # All heads are cut out at once, because a loop over records would take minutes.
     heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
+    # A record lists only changed values, so the columns are filled forward.
     values = _decode_values(raw, starts + head.itemsize, heads["values"], len(logged))
     return TimeLog(
         name, empty.task, empty.title, logged, _decode_heads(heads, fields), values, len(data) - end
@@ -166,6 +174,7 @@ def _decode_heads(
             heads["lon_deg"].astype(np.float64) * 1e-7,
         )
         # Receivers without a fix report 0, 0.
+        # Degrees beyond these limits come from damaged records.
         nowhere = ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
     for _, _, _, step, name, unknown in fields:
         numbers = heads[name].astype(np.float64)
@@ -190,6 +199,7 @@ def _find_record_starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64]
     while place + head_bytes <= size:
         # Each number has 5 bytes: its index and 32 bits.
         end = place + head_bytes + 5 * data[place + head_bytes - 1]
+        # An incomplete last record is normal after a power loss.
         if end > size:
             break
         starts.append(place)
@@ -202,12 +212,16 @@ def _decode_values(
 ) -> NDArray[np.float64]:
     """Returns numbers (columns, records), each the last reported number; NaN before the first."""
     out = np.full((columns, len(first)), np.nan)
+    # The loop runs over the position of a value in its record, a few turns for any number of
+    # records.
     for k in range(int(counts.max(initial=0))):
         rows = np.flatnonzero(counts > k)
         cells = raw[(first[rows] + 5 * k)[:, None] + np.arange(5)]
         which, value = cells[:, 0], np.ascontiguousarray(cells[:, 1:]).view("<i4")[:, 0]
+        # An index beyond the layout comes from a damaged record.
         good = which < columns
         out[which[good], rows[good]] = value[good]
+    # The index of the last known value is carried forward, and selects the value.
     last = (
         np.maximum.accumulate(np.where(np.isfinite(out), np.arange(out.shape[1]), 0), axis=1)
         if columns
@@ -221,6 +235,7 @@ def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float
     width while working. None for an unknown area."""
     if log.heads is None or log.values is None:
         return None
+    # Several elements may count area, so the largest count is that of the whole machine.
     counted = [
         k
         for k, one in enumerate(log.logged)
@@ -228,6 +243,7 @@ def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float
     ]
     if counted:
         areas = [
+            # A counter that is reset makes a negative step, which is cut to zero.
             float(np.diff(values[np.isfinite(values)], prepend=np.nan)[1:].clip(0.0).sum())
             for values in (log.values[k] for k in counted)
         ]
@@ -236,6 +252,7 @@ def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float
     if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads):
         return None
     step = _calc_steps_m(log.heads)
+    # If no element logs its work state, every record counts as work.
     works = [log.values[k] == 1.0 for k, one in enumerate(log.logged) if one.ddi == WORK_STATE_DDI]
     working = np.any(works, axis=0) if works else np.ones(len(step), np.bool_)
     return float(step[working].sum()) * width / 10_000.0, "way x width"
@@ -248,6 +265,7 @@ def find_log_width(log: TimeLog, parts: dict[str, DeviceElement]) -> float | Non
         for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
             if one.ddi == WIDTH_DDI and len(known):
+                # A width that changed during the work has no single value.
                 return float(known[0]) / 1000.0 if (known == known[0]).all() else None
     widths = [found for device in log.devices if (found := find_width_m(parts, device)) is not None]
     return max(widths) if widths else None
@@ -260,9 +278,11 @@ def _calc_steps_m(heads: Columns) -> NDArray[np.float64]:
     steps = np.zeros(len(lat))
     if known.sum() < 2:
         return steps
+    # A plane at the first position is accurate to centimetres within a field.
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
     places = plane.project_many_to_m(lat[known], lon[known])
     steps[known] = np.concatenate(([0.0], np.hypot(*np.diff(places, axis=0).T)))
+    # Smaller steps are the noise of a standing receiver.
     return np.where(steps > MIN_STEP_M, steps, 0.0)
 
 
@@ -278,6 +298,7 @@ def build_time_log_columns(
         name = names.get((one.ddi, one.element))
         if name is None:
             continue
+        # The device's presentation is used only if the operator has chosen it.
         meaning = one.shown if presented and one.shown is not None else one.meaning
         columns[name] = values * meaning.step + meaning.offset
     return columns

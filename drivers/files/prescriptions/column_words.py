@@ -35,12 +35,14 @@ class Cell(NamedTuple):
 
 def parse_cell(value: Any) -> Cell | None:
     """Returns a cell's number and unit; None for a text that is no number."""
+    # Spreadsheets export empty cells as NaN.
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return Cell(math.nan)
     # Python's booleans are integers too.
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
+        # An infinite rate is no number that a machine can apply.
         return Cell(float(value)) if math.isfinite(value) else None
     if not isinstance(value, str):
         return None
@@ -48,6 +50,7 @@ def parse_cell(value: Any) -> Cell | None:
     if text.casefold() in EMPTY_CELLS:
         return Cell(math.nan)
     found = _NUMBER_WITH_UNIT.match(text)
+    # Apostrophes and blanks group digits in several countries.
     number = None if found is None else _parse_number(re.sub(r"['’\s]", "", found["number"]))
     return None if found is None or number is None else Cell(number, (found["unit"] or "").strip())
 
@@ -55,6 +58,7 @@ def parse_cell(value: Any) -> Cell | None:
 def _parse_number(text: str) -> float | None:
     """Returns the number of a text. If it has a point and a comma, the last of them is the decimal
     mark and the other groups digits; a comma alone is the decimal mark."""
+    # The sign that comes last separates the decimals.
     if "," in text and "." in text:
         group = "," if text.rfind(".") > text.rfind(",") else "."
         text = text.replace(group, "")
@@ -97,10 +101,12 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
     """Returns a column's name without its unit, and that unit as written, known or not; None
     without a unit."""
     plain, text = split_unit_name(name)
+    # A name may consist of a unit only, so the rate has no other name.
     if text is None and is_rate_unit(name):
         # The name `l/ha` consists of the unit alone.
         return "", name
     if text is None or not is_rate_unit(text):
+        # An unknown unit must become a question, because it changes the dose.
         unread = _UNKNOWN_UNIT.search(name)
         if unread is not None:
             return name[: unread.start()], unread[1] or unread[2]
@@ -113,6 +119,7 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
     ):
         # The end of `Rate_min` is no minute.
         return plain, None
+    # A single letter is a unit only for masses and litres.
     return (
         (plain, text)
         if len(text) > 1 or found.quantity in _SINGLE_LETTER_QUANTITIES or found.name == "l"
@@ -130,11 +137,15 @@ def split_name_words(name: str) -> list[str]:
     """Returns the words of a name: `Tgt_Rate1`, `tgtRate` and `TGT RATE` give tgt and rate. A name
     cut by a shapefile, such as `TARGET_RAT`, is completed."""
     plain = unicodedata.normalize("NFKC", name)
+    # The word boundary is also a change from small to capital letters.
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", plain).casefold()
     whole = [word for word in re.split(r"[\W_]+", parted) if word]
     words = [
-        word if word in NUTRIENT_NAMES else re.sub(r"\d+$", "", word) or word for word in whole
+        # Numbers at the end count columns, as in Rate1, and have no meaning of their own.
+        word if word in NUTRIENT_NAMES else re.sub(r"\d+$", "", word) or word
+        for word in whole
     ]
+    # A name that consists of digits keeps them.
     words = [word for word in words if not word.isdigit()] or words
     words = [
         part
@@ -149,6 +160,7 @@ def split_name_words(name: str) -> list[str]:
         and len(words[-1]) > 1
         and not find_word_kind(words[-1])
     ):
+        # The first rate word with the same beginning completes the cut word.
         words[-1] = next((word for word in RATE_WORDS if word.startswith(words[-1])), words[-1])
     return words
 
@@ -171,17 +183,20 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
     """
     found = StatedUnits()
     for name, written in texts.items():
+        # Blanks around a unit differ between exports of the same program.
         cells = sorted({cell.strip() for cell in written} - {""})
         if not 0 < len(cells) <= MAX_UNIT_TEXTS or any(
             parse_cell(cell) is not None for cell in cells
         ):
             continue
+        # The words besides "unit" show to which column the units belong.
         of = [word for word in split_name_words(name) if not is_unit_name(word)]
         said = is_unit_name(name) and (
             any(map(is_rate_unit, cells))
             or (len(cells) == 1 and not of)
             or all(map(find_named_unit, cells))
         )
+        # Cells that are all units of rates identify the column without any name.
         if not said and not all(map(is_rate_unit, cells)):
             continue
         column = next(
@@ -189,6 +204,7 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
             ANY_COLUMN,
         )
         kinds = set(map(find_word_kind, of))
+        # Units of an area or of a measurement must not become units of the rate.
         if column != ANY_COLUMN or "rate" in kinds or not kinds & {"a measurement", "a size"}:
             for cell in cells:
                 found.add(column.casefold(), cell, f"column {name}", True, name)
@@ -198,6 +214,7 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
 def _is_unit_column_of(column: str, unit_column: str) -> bool:
     """Returns whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
     `Unit2` to `Rate2`."""
+    # A number at the end of the name is separated, because it may be the only common part.
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", fold_column_name(unit_column)).split("_")
     left = "_".join(part for part in parts if not is_unit_name(part))
     plain = fold_column_name(column)

@@ -42,6 +42,7 @@ def has_polygon_text(path: Path) -> bool:
 
 def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a CSV of polygons. Raises PrescriptionError, OSError."""
+    # The file was checked for its size before, so it is read at once.
     data = path.read_bytes()
     # A byte order mark is no part of the first name.
     text = data.decode(find_encoding(data), errors="replace").lstrip("\ufeff")
@@ -51,12 +52,14 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     # The limit is global to the csv module, so it is restored.
     before = csv.field_size_limit(MAX_CELL_LENGTH)
     try:
+        # The csv module must see the line ends, because quoted cells may contain them.
         rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
     except csv.Error as error:
         raise PrescriptionError(path, "not readable as CSV: {why}", why=error) from None
     finally:
         csv.field_size_limit(before)
     names = [name.strip() for name in rows[0]] if rows else []
+    # Row numbers begin at 2, because the header is row 1.
     numbered = [
         (number, row)
         for number, row in enumerate(rows[1:], start=2)
@@ -79,6 +82,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     findings: list[Finding] = []
     features, others = [], 0
     units: dict[str, StatedUnit] = {}
+    # Some programs write a row of units below the header.
     if numbered and is_unit_row(numbered[0][1]):
         units = {
             name.casefold(): StatedUnit(cell.strip("()[] "), "the file's row of units")
@@ -86,6 +90,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
             if cell.strip("()[]- ")
         }
     for number, row in numbered:
+        # A polygon without quotes is split at its commas, which changes the number of cells.
         if len(row) != len(names):
             raise PrescriptionError(
                 _locate_row(path, number),
@@ -93,6 +98,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
                 cells=len(row),
                 header_cells=len(names),
             )
+        # Rows with points or remarks are counted, and the finding reports them.
         if not _POLYGON_TEXT.match(row[where]):
             others += 1
             continue
@@ -115,6 +121,7 @@ def _parse_polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ..
     """Returns the polygons of a cell, each as its outline, then holes, (k, 2) latitude and
     longitude."""
     found = _POLYGON_TEXT.match(text)
+    # Other coordinate systems would need a transformation that WKT does not describe.
     if found is not None and found["srid"] not in (None, "4326"):
         raise PrescriptionError(
             _locate_row(path, number),
@@ -129,6 +136,7 @@ def _parse_polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ..
         raise PrescriptionError(
             _locate_row(path, number), "not readable as WKT: {why}", why=str(error).splitlines()[0]
         ) from None
+    # Empty parts come from operations in a geographic information system.
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
     return [
         tuple(

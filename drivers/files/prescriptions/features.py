@@ -119,12 +119,15 @@ def find_rate_column(
     RateQuestion : the file does not show which column it is.
     PrescriptionError : no column can be the rate.
     """
+    # The columns keep the order of the file, which the user knows.
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
     texts = {
         name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)}
         for name in names
     }
+    # Units in the table are preferred to units in companion files.
     side_units = merge_units(side_units, find_unit_columns(texts))
+    # An index has no unit, so its column is chosen by the name alone.
     if choice.index is not None:
         return _take_chosen_column(
             path,
@@ -134,16 +137,19 @@ def find_rate_column(
             choice.column or _find_index_column(path, names, choice.index),
             side_units,
         )
+    # The user's choice is never replaced by a guess.
     if choice.column is not None:
         return _take_chosen_column(path, numbered, names, choice, choice.column, side_units)
     columns = {name: _read_cells(numbered, name) for name in names}
     numbers = [
         _classify_column(name, cells)
         for name, cells in columns.items()
+        # Columns without any number cannot be the rate.
         if cells is not None and not all(math.isnan(cell.value) for cell in cells)
     ]
     rates = [one for one in numbers if one.is_rate]
     best = _find_only_rate(rates)
+    # The rejected columns are reported, so that a wrong choice is visible.
     if best is not None:
         others = ", ".join(one.name for one in rates if one is not best)
         return _assign_unit(
@@ -155,6 +161,7 @@ def find_rate_column(
             "rate column not chosen: allowed a column of numbers (columns: {columns_there})",
             columns_there=", ".join(names) or "-",
         )
+    # The reason of the question helps the user to choose.
     why = (
         f"{len(rates)} are named as rates"
         if len(rates) > 1
@@ -175,8 +182,10 @@ def find_rate_column(
 def _find_index_column(path: Path, names: Sequence[str], index: str) -> str:
     """Returns the column of an index: by its name regardless of case, else the only column. Raises
     RateQuestion."""
+    # The exact name is preferred to a name that only contains the index.
     named_so = [name for name in names if name.casefold() == index.casefold()]
     found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
+    # Two columns of one index may be different dates, and a guess would be a wrong dose.
     if len(found) != 1:
         raise RateQuestion(
             path,
@@ -207,6 +216,7 @@ def _take_chosen_column(
         )
     cells = _read_cells(numbered, column)
     if cells is None:
+        # The first wrong cell is shown, because all others are probably equal in kind.
         number, row = next(row for row in numbered if parse_cell(row[1].get(column)) is None)
         raise PrescriptionError(
             PlaceInFile(str(path)).go_down("row {row}", row=number),
@@ -220,12 +230,14 @@ def _take_chosen_column(
 def _find_only_rate(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
     """Returns the only rate; among a target rate and applied rates or bounds, the target. None
     where several are possible."""
+    # A single doubtful column makes every choice uncertain.
     if any(one.doubt for one in rates):
         return None
     no_target = [
         one for one in rates if one.words & BOUND_WORDS or find_rate_role(one.name) == "done"
     ]
     wanted = [one for one in rates if one not in no_target and find_rate_role(one.name) == "wanted"]
+    # The target is chosen only if all others are certainly something else.
     left = wanted if len(wanted) == 1 and len(no_target) == len(rates) - 1 else rates
     return left[0] if len(left) == 1 else None
 
@@ -238,6 +250,7 @@ def _read_cells(
     for _, row in numbered:
         cell = parse_cell(row.get(name))
         if cell is None:
+            # One text makes the whole column a column of texts.
             return None
         cells.append(cell)
     return tuple(cells)
@@ -247,9 +260,11 @@ def _classify_column(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
     plain, text = split_own_unit(name)
     written = {cell.unit for cell in cells if cell.unit} | ({text} if text else set())
     units = {_find_rate_unit(one) for one in written}
+    # Several units in one column cannot be converted by one factor.
     unread = ", ".join(sorted(written)) if len(units) > 1 or None in units else ""
     spelled = split_name_words(plain if text and not unread else name)
     kinds = [find_word_kind(word) for word in spelled]
+    # A measured quantity, such as a yield, may have the unit of a rate.
     is_rate = ("rate" in kinds or bool(units - {None})) and "a measurement" not in kinds
     if is_rate and {"a number or a class", "a size"} & set(kinds):
         # `Rate_Class` is a class, `Class_Rate` a rate: the last word is the noun.
@@ -261,6 +276,7 @@ def _classify_column(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
         cells,
         frozenset(spelled),
         is_rate,
+        # The doubt about a column without a rate name is its other meaning.
         doubt if is_rate else other or doubt,
         None if unread else next(iter(units), None),
         unread,
@@ -279,11 +295,13 @@ def _describe_doubt(cells: Sequence[Cell]) -> str:
     if not known:
         return ""
     if (
+        # Consecutive integers are typical for numbers of zones.
         len(known) >= MIN_CLASS_LEVELS
         and known[0] in (0.0, 1.0)
         and known == [known[0] + k for k in range(len(known))]
     ):
         return "counts 0, 1, 2 ... as numbers of classes or rows do"
+    # Rates in kg/ha are hardly ever all below 1.
     if len(known) >= MIN_CLASS_LEVELS and known[-1] <= 1.0:
         return "nothing above 1, as an index or a share"
     return ""
@@ -299,6 +317,7 @@ def _assign_unit(
 ) -> RateColumn:
     """Returns the column with the operator's unit, else with the unit from the file or its
     companion files. A rate of a nutrient is no rate of the product. Raises RateQuestion."""
+    # The operator's unit overrides all other sources.
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source, unit_column = one.unit, "the file", ""
@@ -308,6 +327,7 @@ def _assign_unit(
         if said is None:
             continue
         meant = _find_rate_unit(said.text)
+        # Two sources that contradict each other need a decision of the operator.
         if meant is None or unit not in (None, meant):
             raise _ask_for_unit(path, one, said, unit)
         if unit is None or source == "the file":
@@ -316,9 +336,11 @@ def _assign_unit(
     nutrient = next(
         (nutrient for word in sorted(one.words) if (nutrient := NUTRIENT_NAMES.get(word))), ""
     )
+    # The share of nitrogen converts a rate of nitrogen to a rate of the product.
     if nutrient == "nitrogen" and choice.n_fraction is not None and unit in NITROGEN_UNIT_OF:
         unit = NITROGEN_UNIT_OF[unit]
         return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
+    # Without that share the rate of the product would be wrong by a factor of two.
     if nutrient and unit not in NITROGEN_UNITS:
         raise RateQuestion(
             _locate_column(path, one),
@@ -332,6 +354,7 @@ def _assign_unit(
             ),
             nutrient=nutrient,
         )
+    # Without any unit kg/ha is assumed, and the report says so.
     if unit is None:
         return RateColumn(one.name, one.cells, DEFAULT_RATE_UNIT, UNIT_NOT_NAMED, why)
     return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
@@ -404,6 +427,7 @@ def build_imported_map(
     """
     if not features:
         raise NoPolygonsError(path, "no polygons: allowed is at least one")
+    # A folder or zip was read with its companion files before.
     if path.is_file():
         columns = {name for feature in features for name in feature.attributes}
         units = merge_units(
@@ -418,6 +442,7 @@ def build_imported_map(
     zones: list[Zone] = []
     empty = 0
     for feature, cell in zip(features, chosen.cells, strict=True):
+        # A zone without a rate is a gap of the map, not a rate of 0.
         if math.isnan(cell.value):
             empty += 1
             continue
@@ -432,6 +457,7 @@ def build_imported_map(
         for name in dict.fromkeys(name for feature in features for name in feature.attributes)
         if name not in (column, chosen.unit_column) and name not in KNOWN_EXTRA_COLUMNS
     ]
+    # Unused columns are listed, because one of them may be the intended rate.
     if unused:
         findings.append(
             Finding(
@@ -444,10 +470,12 @@ def build_imported_map(
                 "empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty
             )
         )
+    # An empty column would apply nothing on the whole field.
     if not zones:
         raise PrescriptionError(
             where.go_down("column {column}", column=column), "empty everywhere: allowed is a number"
         )
+    # Degrees are verified at the end, when all zones are known.
     check_degrees(path, np.concatenate([rings[0] for _, rings, _ in zones]))
     data = MapData(
         tuple(zones),
@@ -481,6 +509,7 @@ def convert_ring_deg(corners: Sequence[Sequence[float]] | Floats) -> Floats:
     """Returns a ring (k, 2) in latitude and longitude, not closed, from corners in longitude and
     latitude."""
     lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
+    # Most formats repeat the first corner at the end of a ring.
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
         lon_lat = lon_lat[:-1]
     return np.ascontiguousarray(lon_lat[:, ::-1])

@@ -47,15 +47,18 @@ def read_plant_places(path: Path) -> Floats:
         raise PrescriptionError(
             path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points"
         )
+    # Large files are refused before they are read.
     check_file(path)
     rows = (
         _read_geojson_points(path)
         if path.suffix.lower() in (".geojson", ".json")
         else _read_csv_rows(path)
     )
+    # An empty list would skip every plant without a message.
     if not rows:
         raise PrescriptionError(path, "no plants: allowed is at least one")
     places = np.array(rows, dtype=np.float64)
+    # The condition is written so that NaN counts as wrong.
     bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
     if len(bad):
         lat, lon = places[bad[0]]
@@ -77,10 +80,12 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
         )
     check_file(path)
     found = []
+    # Line numbers begin at 2, because the header is line 1.
     for number, cells in enumerate(
         _read_csv_rows(path, ("error_m", "speed_mps"), ("threshold_m",)), start=2
     ):
         one = DoseError(*cells)
+        # A speed in km/h or an error in mm would shift every dose.
         if not (
             abs(one.error_m) <= MAX_DOSE_ERROR_M
             and 0.0 < one.speed_mps <= MAX_DOSE_SPEED_MPS
@@ -103,6 +108,7 @@ def _read_csv_rows(
     path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
 ) -> list[tuple[float, ...]]:
     """Returns the columns `needed`, and the existing columns of `more`, in the file's order."""
+    # Editors on Windows add a byte order mark, which would hide the first column.
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
@@ -119,6 +125,7 @@ def _read_csv_rows(
         for number, row in enumerate(reader, start=2):
             cells = [row[name] for name in (*needed, *more) if name in names]
             try:
+                # An empty cell fails as a text does, because a position has no default.
                 rows.append(tuple(float(cell or "") for cell in cells))
             except ValueError:
                 raise PrescriptionError(
@@ -134,6 +141,7 @@ def _read_geojson_points(path: Path) -> list[tuple[float, ...]]:
     from topdress.drivers.files.layers import read_geojson
 
     points = read_geojson(path, ["Point"]).shapes
+    # Points of this program have the latitude first.
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
 
 
@@ -211,11 +219,13 @@ def _convert_job_map(
 
     try:
         read = read_prescription(folder / job.target.map)
+    # A job cannot answer questions, so the map must be converted before.
     except RateQuestion as question:
         raise RateQuestion.of(
             question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes"
         ) from None
     try:
+        # On the field's plane map and boundary use the same coordinates.
         return make(read.data, _find_field_plane(job) or read.data.make_plane())
     except ValueError as error:
         raise PrescriptionError(read.path, "{why}", why=error) from None
@@ -227,6 +237,7 @@ def read_job_plants(job: Job, folder: Path, plane: TangentPlane | None = None) -
     if job.target.plants is None:
         return None
     places = read_plant_places(folder / job.target.plants)
+    # Without a field the plane lies in the middle of the plants.
     own = (
         _find_field_plane(job)
         or plane
@@ -278,6 +289,7 @@ def read_loop_targets(job: Job, folder: Path, machine: Machine, index: str) -> L
         plants.plane if plants is not None else None if prescription is None else prescription.plane
     )
     width_m = machine.geometry.working_width_m
+    # Each further map uses the plane of the first one, so that all positions agree.
     under = _read_index_map(job, job.target.index_map, folder, width_m, index, plane)
     plane = plane or (None if under is None else under.plane)
     zones = _read_index_map(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
@@ -307,6 +319,7 @@ def _read_index_map(
     from topdress.drivers.files.prescriptions.read import read_index_map
 
     data = read_index_map(folder / name, index).data
+    # A map without a field has only its own plane.
     plane = _find_field_plane(job) or plane or data.make_plane()
     return IndexMap(project_rates(data, plane), plane, width_m)
 

@@ -100,6 +100,7 @@ def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
         raw = read_raw_table(path, Source(inside=choice.inside))
     except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
+    # Degrees are preferred; metres are used only in a table without degrees.
     metres = find_metre_columns(raw.names)
     if metres is None and not has_places_without_time(raw.names):
         raise NotAMapError(
@@ -113,11 +114,13 @@ def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
         lat, lon = (_read_place_column(raw, column) for column in ("lat_deg", "lon_deg"))
     else:
         lat, lon = _convert_utm_places(path, raw, metres, choice.zone)
+    # Points without a position are counted and reported.
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
     if not len(rows):
         raise PrescriptionError(path, "no point with latitude and longitude: allowed are degrees")
     lat, lon = lat[rows], lon[rows]
+    # Positions are checked before the fit, whose errors would be harder to understand.
     check_degrees(path, np.column_stack((lat, lon)))
     try:
         found, corners = _build_cells_deg(lat, lon)
@@ -130,6 +133,7 @@ def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
         ) from None
     attributes = _read_attributes(raw, metres or ())
     features = [
+        # Row numbers are those of the file, so that messages refer to visible rows.
         Feature(raw.first_row + row, attributes[row], [(corners[k],)])
         for k, row in enumerate(rows.tolist())
     ]
@@ -145,6 +149,7 @@ def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
     units = {
         name.casefold(): StatedUnit(unit, "the file, besides its name")
         for name, unit in raw.units.items()
+        # A unit in the name itself is found by the words of the name.
         if unit not in name
     }
     return build_imported_map(
@@ -166,6 +171,7 @@ def _read_place_column(raw: RawTable, column: str) -> Floats:
 def find_metre_columns(names: Collection[str]) -> tuple[str, str] | None:
     """Returns the columns of positions in metres, east and north, of a table without degrees and
     without times; None without such columns."""
+    # A table with times is a log of a machine, whose points form no grid.
     if has_places_without_time(names) or has_time_column(names):
         return None
     found = [
@@ -181,6 +187,7 @@ def _convert_utm_places(
 ) -> tuple[Floats, Floats]:
     """Returns latitude and longitude (n,) of positions in UTM. Raises RateQuestion without a zone,
     PrescriptionError for an unknown zone."""
+    # The zone cannot be derived from the numbers, because all zones use the same range.
     if zone is None:
         others = [name for name in raw.names if name not in metres]
         raise RateQuestion(
@@ -192,6 +199,7 @@ def _convert_utm_places(
             north=metres[1],
         )
     found = _UTM_ZONE.match(zone)
+    # The earth has 60 zones.
     if found is None or not 1 <= int(found[1]) <= 60:
         raise PrescriptionError(
             path, "zone {zone}: allowed are 1N to 60N and 1S to 60S", zone=zone[:20]
@@ -231,6 +239,7 @@ def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, o
         return rows
     return [
         {
+            # With decimal commas a point in a number groups its digits.
             name: _THOUSANDS.sub(r"\1\2", cell) if isinstance(cell, str) else cell
             for name, cell in row.items()
         }
@@ -242,6 +251,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
     """Returns the grid, and each point's cell as (4, 2) latitude and longitude. The grid is regular
     in degrees or in metres, whichever fits better. Raises NoGridError."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
+    # The lengths of a small difference in degrees give the scale of the plane.
     east, north = (
         np.array(plane.project_to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
         np.array(plane.project_to_m(plane.lat_deg + 1e-4, plane.lon_deg)),
@@ -263,6 +273,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
         (in_degrees, of_degrees),
         (plane.project_many_to_m(lat, lon), of_metres),
     )
+    # Grids are regular in the coordinates of the program that made them, so both are tried.
     for places, back in ways:
         try:
             found.append((fit_point_grid(places), back))
@@ -271,7 +282,9 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
     if not found:
         assert trouble is not None
         raise trouble
+    # The smaller deviation shows which coordinates the program used.
     best, to_deg = min(found, key=lambda one: one[0].off)
+    # Corners lie half a cell beside the centres, and integers make equal corners identical.
     halves = np.concatenate([best.cells + half for half in ((0, 0), (1, 0), (1, 1), (0, 1))])
     # Each corner is computed once, so that cells meet exactly.
     corners, which = np.unique(halves, axis=0, return_inverse=True)
@@ -288,18 +301,22 @@ def fit_point_grid(places: Floats) -> PointGrid:
             "{count} points: {least} are the least", count=len(places), least=MIN_POINT_COUNT
         )
     points = shapely.points(places)
+    # A tree finds the nearest neighbours of a large map within a second.
     (of, nearest), near = shapely.STRtree(points).query_nearest(
         points, exclusive=True, return_distance=True
     )
     twice = len(places) - len(np.unique(np.round(places / SAME_PLACE_M), axis=0))
+    # Two points at one position would give a cell with two rates.
     if twice:
         raise NoGridError("{count} points share their place with another", count=twice)
+    # The median ignores the points at the edge of the field.
     apart = float(np.median(near))
     way = places[nearest] - places[of]
     # Four times a right angle is a full turn, so all four directions to neighbours agree.
     turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])
     angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    # Both axes have their own spacing, because cells may be rectangles.
     along, aside = (axis * _find_row_spacing(places @ axis, apart) for axis in axes)
     middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
     away = np.hypot(*(places - middle).T)
@@ -307,11 +324,13 @@ def fit_point_grid(places: Floats) -> PointGrid:
     # The fit begins in the middle, because far points get the right cell only from a well-fitted
     # spacing.
     while True:
+        # Only points within the radius are used in this round.
         inside = away <= reach
         origin, along, aside = _fit_grid_axes(places[inside], origin, along, aside)
         if inside.all():
             break
         reach *= 2.0
+    # Positions are expressed in cells by the inverse of the two axes.
     exact = (places - origin) @ np.linalg.inv(np.array([along, aside]))
     cells = np.rint(exact).astype(np.int64)
     off = float(np.abs(exact - cells).max())
@@ -324,6 +343,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
     wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
     _check_grid_cells(cells, wide, high)
     return PointGrid(origin, along, aside, cells - cells.min(axis=0), off)._replace(
+        # The origin moves to the smallest indices, which become 0.
         origin=origin + cells.min(axis=0)[0] * along + cells.min(axis=0)[1] * aside
     )
 
@@ -331,6 +351,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
 def _find_row_spacing(along: Floats, apart: float) -> float:
     """Returns the distance between rows, m, of positions (n,) along an axis."""
     steps = np.diff(np.sort(along))
+    # Small steps are the rounding of positions within one row.
     rows = steps[steps > MIN_ROW_STEP_SHARE * apart]
     if not len(rows):
         raise NoGridError("all points lie in one row")
@@ -342,6 +363,7 @@ def _fit_grid_axes(
 ) -> tuple[Floats, Floats, Floats]:
     """Returns origin and axes fitted by least squares, with each position in its nearest cell."""
     cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
+    # All points in one row leave the other axis undefined.
     if np.linalg.matrix_rank(cells - cells[0]) < 2:
         raise NoGridError("no rows and columns")
     found = np.linalg.lstsq(np.column_stack((np.ones(len(cells)), cells)), places, rcond=None)[0]
@@ -350,6 +372,7 @@ def _fit_grid_axes(
 
 def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> None:
     """Refuses cells that are long, shared or scattered. Raises NoGridError."""
+    # Long cells come from the track of a machine, not from a map.
     if max(wide, high) > MAX_CELL_RATIO * min(wide, high):
         raise NoGridError("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}
@@ -358,6 +381,7 @@ def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> Non
             "{count} points share their cell with another", count=len(cells) - len(there)
         )
     for i, j in ((1, 0), (0, 1)):
+        # Scattered points may fit a grid by chance, but they have no neighbours.
         joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
         if joined < MIN_NEIGHBOUR_SHARE * len(there):
             raise NoGridError(

@@ -58,6 +58,7 @@ class _TaskLayer(NamedTuple):
                 one
                 for one in zone.findall("PDV")
                 if int(one.get("A", "0"), 16) == self.ddi and one.get("C", "") == self.product
+                # Two layers may share an identifier and differ in their product.
             ),
             None,
         )
@@ -74,10 +75,12 @@ def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedM
         )
         for zone in layer.task.findall("TZN")
     }
+    # The meaning of the numbers is decided before any rate is computed.
     unit, factor, offset, findings = _find_number_meaning(root, layer, where, choice)
     rates = {
         code: None if value is None else (value + offset) * factor for code, value in values.items()
     }
+    # An impossible rate is refused here, where its zone can be named.
     for code, rate in rates.items():
         if rate is not None:
             check_rate_kg_ha(rate, lambda code=code: where.go_down("zone {zone}", zone=code))  # type: ignore[misc]
@@ -91,7 +94,9 @@ def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedM
     grid_element = layer.task.find("GRD")
     grid = None
     zones: tuple[Zone, ...] = ()
+    # Unused parts are reported, because the user may have meant them.
     findings += _report_unused(layer, ids, grid_element is not None)
+    # A grid takes precedence over polygons, as ISO 11783-10 defines.
     if grid_element is not None:
         grid = _read_grid_deg(
             files,
@@ -126,6 +131,7 @@ def _choose_layer(
             layer = _TaskLayer(task, ddi, variable.get("C", ""))
             if ddi not in SETPOINT_STEPS:
                 others.add(ddi)
+            # Zones repeat their layer, and each layer is listed once.
             elif layer.id not in [known.id for known in layers]:
                 layers.append(layer)
     ids = tuple(layer.id for layer in layers)
@@ -140,11 +146,13 @@ def _choose_layer(
             "; topdress field reads its fields" if root.find("PFD/PLN") is not None else "",
             ddis=", ".join(map(describe_ddi, sorted(others))),
         )
+    # A single layer needs no choice.
     if choice.layer is None and len(layers) == 1:
         return layers[0], ids
     for layer in layers:
         if choice.layer == layer.id:
             return layer, ids
+    # A wrong name is an error, a missing name is a question.
     raise (PrescriptionError if choice.layer else RateQuestion)(
         label,
         "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
@@ -162,6 +170,7 @@ def _find_number_meaning(
     agree. Where they contradict, a wrong guess is a wrong dose, so the operator must choose.
     """
     unit, step = SETPOINT_STEPS[layer.ddi]
+    # The dictionary is the standard's own definition.
     by_ddi = calc_factor_kg_ha(choice, unit, where) * step
     named = {
         one.get("E")
@@ -170,6 +179,7 @@ def _find_number_meaning(
     }
     for presentation in (one for one in root.findall("VPN") if one.get("A") in named):
         shown = find_named_unit(presentation.get("E", ""))
+        # A presentation may show another quantity, which gives no contradiction.
         if shown is None or shown.name not in RATE_UNITS:
             continue
         scale = _parse_attribute(presentation, "C", where)
@@ -193,6 +203,7 @@ def _find_number_meaning(
                 "presentation": presentation.get("A"),
             },
         )
+        # Both readings are plausible, and the wrong one is a wrong dose.
         if choice.rate_from is None:
             raise RateQuestion(
                 where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=differs
@@ -217,6 +228,7 @@ def _report_unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> l
         found.append(
             Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn))
         )
+    # Totals and measured values often accompany the set-points.
     others = sorted(
         {int(variable.get("A", "0"), 16) for variable in layer.task.findall("TZN/PDV")}.difference(
             SETPOINT_STEPS
@@ -259,10 +271,12 @@ def _read_fallbacks(
         ("outside_kg_ha", "J", "out-of-field"),
     ):
         text = task.get(attribute)
+        # A missing fallback means 0 kg/ha, and the report says so.
         if text is None:
             findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
             continue
         code = _parse_whole_number(text, 10, where.go_down("{key}", key=attribute))
+        # A reference to a missing zone is a damaged file, not a rate of 0.
         if code not in rates:
             raise PrescriptionError(
                 where,
@@ -286,6 +300,7 @@ def _read_zones_deg(
         rate = rates[code]
         for polygon in zone.findall("PLN"):
             for rings in _read_rings_deg(polygon, where.go_down("zone {zone}", zone=code)):
+                # Zones without a rate of this layer belong to another product.
                 if rate is not None:
                     zones.append(Zone(rate, rings, zone.get("B", "")))
     if not zones:
@@ -302,6 +317,7 @@ def _read_field_outlines(
 
     outlines: list[tuple[Floats, ...]] = []
     for field in root.findall("PFD"):
+        # Other fields in the file belong to other tasks.
         if field.get("A") != task.get("E"):
             continue
         for polygon in field.findall("PLN"):
@@ -310,6 +326,7 @@ def _read_field_outlines(
                     polygon, PlaceInFile(label).go_down("field {field}", field=field.get("A"))
                 )
     usable = []
+    # A wrong outline must not prevent the use of the map.
     for rings in outlines:
         try:
             Boundary(
@@ -331,6 +348,7 @@ def _read_rings_deg(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, 
     for line in polygon.findall("LSG"):
         if line.get("A") in (EXTERIOR_LINE, INTERIOR_LINE):
             (outer if line.get("A") == EXTERIOR_LINE else inner).append(_read_ring_deg(line, where))
+    # The standard does not assign holes to outlines, so positions decide.
     return sort_rings(outer, inner)
 
 
@@ -349,6 +367,7 @@ def _read_ring_deg(line: Element, where: PlaceInFile) -> Floats:
             for point in points
         ]
     )
+    # Some programs repeat the first point at the end.
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
     if len(corners) < 3:
@@ -368,6 +387,7 @@ def _read_grid_deg(
     findings: list[Finding],
 ) -> GridDeg:
     """Returns the grid with its rates, from its binary file."""
+    # The name of the binary file has no suffix in the task file.
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (
         _parse_whole_number(grid.get(key, ""), 10, where.go_down("grid {key}", key=key))
@@ -384,6 +404,7 @@ def _read_grid_deg(
             lat=cell_lat,
             lon=cell_lon,
         )
+    # Data transfers are often copied without their binary files.
     data = files.read(name)
     if data is None:
         raise PrescriptionError(where, "{name}, which the grid names, is not there", name=name)
@@ -397,6 +418,7 @@ def _read_grid_deg(
         order = _read_cell_template(layer, grid, where)
         values = _decode_cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
         rate = (values[:, :, order.index((layer.ddi, layer.product))] + offset) * factor
+        # The condition is written so that NaN counts as wrong.
         bad = np.argwhere(~((rate >= 0.0) & (rate <= MAX_RATE_KG_HA)))
         if len(bad):
             row, column = bad[0].tolist()
@@ -429,6 +451,7 @@ def _decode_cells(
     """Returns the numbers of a binary file (rows, columns, depth). Raises PrescriptionError where
     its size is wrong."""
     wanted = rows * columns * depth * kind.itemsize
+    # A wrong size would shift every row of the grid.
     if len(data) != wanted:
         raise PrescriptionError(
             where,
@@ -455,6 +478,7 @@ def _apply_code_table(
     for code, rate in rates.items():
         if rate is not None and 0 <= code < 256:
             table[code] = rate
+    # Cells with unknown codes get no rate, and their number is reported.
     unknown = sorted(set(np.unique(codes).astype(int).tolist()) - set(rates))
     if unknown:
         count = int(np.isin(codes, unknown).sum())
@@ -474,6 +498,7 @@ def _read_cell_template(
 ) -> list[tuple[int, str]]:
     """Returns the process data that a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
+    # The template zone defines the order of the values in each cell.
     for zone in layer.task.findall("TZN"):
         if zone.get("A") == code and layer.find_process_data(zone) is not None:
             return [(int(one.get("A", "0"), 16), one.get("C", "")) for one in zone.findall("PDV")]

@@ -43,21 +43,26 @@ class TransverseMercator:
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
         """Returns latitude and longitude (n,) of positions in the file's own unit."""
+        # The third flattening makes Krueger's series converge fastest.
         n = self.flattening / (2.0 - self.flattening)
         radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0) * self.scale
+        # Northing is counted from the latitude of origin.
         xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._calc_origin_xi(n)
         eta = (np.asarray(east) - self.false_east) * self.unit_m / radius
+        # Both series use the unchanged coordinates, so the sums need copies.
         sphere_xi, sphere_eta = xi.copy(), eta.copy()
         for j, factor in enumerate(_calc_beta_series(n), start=1):
             sphere_xi -= factor * np.sin(2 * j * xi) * np.cosh(2 * j * eta)
             sphere_eta -= factor * np.cos(2 * j * xi) * np.sinh(2 * j * eta)
         conformal = np.arcsin(np.sin(sphere_xi) / np.cosh(sphere_eta))
         lon = self.lon0_deg + np.degrees(np.arctan2(np.sinh(sphere_eta), np.cos(sphere_xi)))
+        # Longitudes stay within -180 to 180 degrees.
         return np.degrees(self._calc_geodetic_rad(conformal)), (lon + 180.0) % 360.0 - 180.0
 
     def _calc_geodetic_rad(self, conformal: Floats) -> Floats:
         """Returns the latitude of a conformal latitude, radians. Each round adds two and a half
         digits."""
+        # The first eccentricity follows from the flattening.
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         isometric = np.arctanh(np.sin(conformal))
         lat = conformal
@@ -109,6 +114,7 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     -------
     None without pyproj, or for a text that the register does not know.
     """
+    # pyproj belongs to an extra, and without it only UTM and similar systems are read.
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
@@ -118,6 +124,7 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     try:
         # pyproj's own default confidence, %.
         code = CRS.from_wkt(text).to_epsg(min_confidence=70)
+        # Without positions no area of use can be verified.
         if code is None or not len(places):
             return None
         crs = CRS.from_epsg(code)
@@ -136,6 +143,7 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
             ).transformers
     except ProjError:
         return None
+    # Only transformations whose area covers all positions are accurate there.
     here = [
         one
         for one in ways
@@ -145,7 +153,10 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     if not here:
         return None
     return NationalGrid(
-        crs.name, f", right to {here[0].accuracy:g} m" if here[0].accuracy >= 0.0 else "", here[0]
+        # A negative accuracy means that PROJ does not know it.
+        crs.name,
+        f", right to {here[0].accuracy:g} m" if here[0].accuracy >= 0.0 else "",
+        here[0],
     )
 
 
@@ -193,6 +204,7 @@ def parse_projection(text: str) -> TransverseMercator | None:
     """
     try:
         node = _parse_node([match.groups() for match in _WKT_TOKEN.finditer(text)], 0)[0]
+    # Any damage of the text has the same consequence for the user.
     except (ValueError, IndexError):
         raise ValueError("unknown coordinates: not well-known text") from None
     if node.key == "GEOGCS":
@@ -208,6 +220,7 @@ def parse_projection(text: str) -> TransverseMercator | None:
     if geographic is None or kind is None:
         raise ValueError(f"{node.name}: without GEOGCS and PROJECTION")
     flattening = _check_spheroid(geographic, node.name)
+    # Other projections are left to the EPSG register.
     if kind.name.lower() not in ("transverse_mercator", "gauss_kruger"):
         raise ValueError(f"{node.name}: projection {kind.name}")
     values = {
@@ -215,6 +228,7 @@ def parse_projection(text: str) -> TransverseMercator | None:
         for child in node.children
         if child.key == "PARAMETER" and child.numbers
     }
+    # A default meridian would place the map on another continent.
     if "central_meridian" not in values:
         raise ValueError(f"{node.name}: without a central meridian")
     return TransverseMercator(
