@@ -284,7 +284,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
         raise trouble
     # The smaller deviation shows which coordinates the program used.
     best, to_deg = min(found, key=lambda one: one[0].off)
-    # Corners lie half a cell beside the centres, and integers make equal corners identical.
+    # Corners are half a cell away from the centres, and integers make equal corners identical.
     halves = np.concatenate([best.cells + half for half in ((0, 0), (1, 0), (1, 1), (0, 1))])
     # Each corner is computed once, so that cells meet exactly.
     corners, which = np.unique(halves, axis=0, return_inverse=True)
