@@ -3,23 +3,23 @@ no screen.
 
 Files:
 
-- `agronomy`: How much product does this canopy need?
-- `calibration`: Which machine parameters follow from tests?
+- `agronomy`: Determines the product that a canopy needs
+- `calibration`: Determines machine parameters from tests
 - `diagnosis`: Finds the errors of the machine model on measured data, their causes
-- `experiments`: What should be measured next?
-- `field`: Where is the field, which ground is done, and what do the totals amount to?
+- `experiments`: Plans the next measurement
+- `field`: Defines the field, the covered ground and the totals of a job
 - `frozen_model`: How is the checked content of a file held?
 - `geodesy`: How are degrees converted to metres on WGS84
 - `log_row`: Which columns does a run log have?
 - `loop`: Runs one tick of control
 - `machine`: Models the machine: stages, effects, terms, landing, and the lag models of the papers
-- `metering`: Which shaft speed and opening give a wanted flow?
+- `metering`: Finds shaft speed and opening for a wanted flow
 - `orders`: Which words do operator, loop and log share?
 - `papers`: Compares the numbers printed in the three papers with the results of this program's
 - `readings`: What did the machine's sensors read, and what is sent to its drives?
-- `recordings`: What is wrong with recorded data, and how is it repaired safely?
-- `safety`: May material flow? States, interlocks, alarms, and the last gate before the drives
-- `sensing`: Which speed and which place does control use
-- `simulation`: How does the control loop work on the machine model?
-- `targets`: Which target holds where?
+- `recordings`: Finds errors in recorded data and repairs them safely, for readers of every kind
+- `safety`: Decides whether material may flow
+- `sensing`: Determines the speed and position that control uses
+- `simulation`: Simulates the control loop with the machine model on an injected clock
+- `targets`: Finds the target of each position
 """

@@ -1,4 +1,4 @@
-"""How much product does this canopy need? Crops, nitrogen rules, day counts, sampling
+"""Determines the product that a canopy needs: crops, nitrogen rules, day counts, sampling
 statistics, fusion of the canopy heads.
 
 Files:

@@ -22,13 +22,17 @@ _MAD_TO_SD = 1.4826
 class FusionLimits(NamedTuple):
     """Holds the limits by which heads are dropped and taken back."""
 
-    silent_s: float = 1.25  # two and a half periods of heads at 2 Hz
-    least_apart: float = 0.08  # NDVI: closer heads never disagree
+    # Time until a head is silent, s: two and a half periods of heads at 2 Hz.
+    silent_s: float = 1.25
+    # Minimum difference of NDVI for a disagreement.
+    least_apart: float = 0.08
     robust_sds: float = 4.0
     drop_after_s: float = 2.0
     return_after_s: float = 5.0
-    least_valid: int = 4  # fewer: degraded
-    ndvi_low: float = -0.2  # outside low to high a reading is no reading
+    # Minimum number of valid heads; with fewer the fusion is degraded.
+    least_valid: int = 4
+    # A value outside ndvi_low to ndvi_high is no reading.
+    ndvi_low: float = -0.2
     ndvi_high: float = 1.0
 
 
@@ -37,8 +41,10 @@ DEFAULT_LIMITS = FusionLimits()
 
 class HeadState(NamedTuple):
     last: Reading | None = None
-    apart_since_s: float | None = None  # disagreeing without a break since then
-    close_since_s: float | None = None  # a dropped head that agrees again since then
+    # Start of the uninterrupted disagreement, s.
+    apart_since_s: float | None = None
+    # Time since which a dropped head agrees again, s.
+    close_since_s: float | None = None
     dropped: bool = False
 
 
@@ -53,11 +59,14 @@ class Fused(NamedTuple):
     Heads are numbered from 1, left to right."""
 
     ndvi: float | None
-    valid: int  # heads in the median
-    dropped: tuple[int, ...]  # left out for either reason
+    # Number of heads in the median.
+    valid: int
+    # Heads left out for either reason.
+    dropped: tuple[int, ...]
     disagreeing: tuple[int, ...]
     silent: tuple[int, ...]
-    degraded: bool  # fewer valid heads than needed
+    # Whether too few heads are valid.
+    degraded: bool
 
 
 def start_fusion(heads: int = 6) -> FusionState:

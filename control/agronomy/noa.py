@@ -46,15 +46,20 @@ class Decision(NamedTuple):
     Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were
     needed."""
 
-    rate_kg_ha: float  # product, 0 to the crop's max_rate_kg_ha
+    # Rate of product, kg/ha, from 0 to the crop's max_rate_kg_ha.
+    rate_kg_ha: float
     why: Why
-    grade: int | None  # None: grades are off
-    ndvi_used: float | None  # upper edge of the grade, or the NDVI itself
+    # Grade of the NDVI; None without grades.
+    grade: int | None
+    # Upper edge of the grade, or the NDVI itself.
+    ndvi_used: float | None
     insey_per_day: float | None = None
     yield_without_t_ha: float | None = None
     yield_with_t_ha: float | None = None
-    response_index: float | None = None  # None in the fixed-yield form
-    sufficiency_index: float | None = None  # None by a yield curve
+    # None for the rule with a fixed yield.
+    response_index: float | None = None
+    # None for a rule with a yield curve.
+    sufficiency_index: float | None = None
 
 
 def calc_insey(ndvi: float, days: float) -> float:
@@ -107,13 +112,18 @@ class Rule:
     NDVI."""
 
     crop: Crop
-    days: int | None  # None: by the sufficiency index
-    ndvi_nrich: float | None  # None: fixed-yield form
-    ndvi_check: float | None = None  # farmer check; used by response rule "field"
+    # None for the sufficiency index.
+    days: int | None
+    # NDVI of the N-rich strip; None for the rule with a fixed yield.
+    ndvi_nrich: float | None
+    # NDVI of the farmer check, used by response rule "field".
+    ndvi_check: float | None = None
     response_rule: ResponseRule = "paper"
-    # N since sowing: the canopy shows it; off the optimum of the sufficiency index
+    # Nitrogen since sowing, which the canopy shows: subtracted from the optimum of the sufficiency
+    # index.
     n_given_kg_ha: float = 0.0
-    # N from elsewhere that the canopy does not show yet: off what either rule gives
+    # Nitrogen from other sources that the canopy does not show yet: subtracted from the rate of
+    # either rule.
     n_credit_kg_ha: float = 0.0
 
     @property
@@ -200,7 +210,7 @@ class Rule:
         self, ndvi: float, grade: int | None, zone_factor: float
     ) -> Decision:
         crop, rich = self.crop, self.ndvi_nrich
-        # the crop file's own check; is_ready
+        # The crop file's own check and is_ready guarantee these values.
         assert crop.sufficiency is not None and rich is not None
         index = ndvi / rich
         n_kg_ha = crop.sufficiency.find_n_rate_kg_ha(
@@ -220,7 +230,8 @@ class Rule:
         self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float
     ) -> Decision:
         crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
-        assert days is not None and most is not None  # `prepare_rule`; the crop file's own check
+        # `prepare_rule` and the crop file's own check guarantee these values.
+        assert days is not None and most is not None
         index = calc_insey(ndvi, days)
         without = min(calc_yield_without_t_ha(index, curve.a_t_ha, curve.b_days), most)
         if crop.yield_ceiling == "nrich" and self.ndvi_nrich is not None:

@@ -19,8 +19,10 @@ class Evenness(NamedTuple):
 
     n: int
     mean: float
-    cv_percent: float  # sample s.d. (n - 1) over mean
-    cuc_percent: float  # Christiansen's coefficient of uniformity, eq 1
+    # Sample standard deviation (n - 1) over mean, %.
+    cv_percent: float
+    # Christiansen's coefficient of uniformity, eq 1, %.
+    cuc_percent: float
 
 
 def calc_cv_percent(values: npt.ArrayLike) -> float:

@@ -1,8 +1,8 @@
-"""Which machine parameters follow from tests? Flow and lag from bench tables, wheel and canopy
-heads from run logs.
+"""Determines machine parameters from tests: flow and lag from bench tables, wheel and canopy heads
+from run logs.
 
-What fits loads scipy, so it is imported when it is first asked for: to tell a table from a log
-takes none of it.
+The fits load scipy, so they are imported at their first use; telling a table from a log does not
+need them.
 
 Files:
 

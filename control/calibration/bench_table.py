@@ -16,7 +16,8 @@ Array = npt.NDArray[np.float64]
 KINDS = ("lag", "catch", "weigh", "heads", "place")
 LAG_COLUMNS = ("lag_s", "drop_s", "response_s", "lag_m")
 SPEED_COLUMNS = ("speed_mps", "speed_kmh")
-REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {  # of each group one column is enough
+# One column of each group is sufficient.
+REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "lag": (("shaft_rpm",), LAG_COLUMNS),
     "catch": (("shaft_rpm",), ("opening_mm",), ("duration_s",), ("mass_kg",)),
     "weigh": (("target_kg",), ("applied_kg",), ("area_m2",)),

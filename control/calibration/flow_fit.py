@@ -81,9 +81,10 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
 
 
 class _CatchRows(NamedTuple):
-    mass_per_rev: Array  # of all outlets, g, (n,)
+    # Mass per revolution of all outlets, g, (n,).
+    mass_per_rev: Array
     opening_mm: Array
-    # of the shaft speed at which the fall-off is given
+    # Share of the shaft speed at which the fall-off is defined.
     share: Array
     shaft_rpm: Array
 

@@ -1,9 +1,9 @@
-"""What should be measured next? Design of experiments, by the readings that each rival
-hypothesis predicts.
+"""Plans the next measurement: design of experiments by the readings that each rival hypothesis
+predicts.
 
-`manoeuvres` are short runs of the machine at work, `list_bench_tests` what is tried in the yard;
-both are an `Experiment`, and `experiment.chosen` picks those that tell rivals apart soonest.
-`levels` are the settings that they go through.
+`manoeuvres` are short runs of the machine at work, `list_bench_tests` returns tests in the yard.
+Both are an `Experiment`, and `experiment.choose_experiments` selects those that separate rivals
+soonest. `levels` are their settings.
 
 Files:
 

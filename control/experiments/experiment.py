@@ -38,8 +38,9 @@ class ChosenTest(NamedTuple):
     of a settled pair, standard deviations; None: no test settles any."""
 
     tests: tuple[int, ...]
-    settled: npt.NDArray[np.bool_]  # (pairs,)
-    # the least that the tests set a settled pair apart; None: no test does
+    # Whether each pair is settled, (pairs,).
+    settled: npt.NDArray[np.bool_]
+    # Smallest separation of a settled pair by the tests, s.d.; None where no test settles any.
     apart_sd: float | None
 
 

@@ -1,17 +1,17 @@
-"""Where is the field, which ground is done, and what do the totals amount to? Metres on the
-field's tangent plane.
+"""Defines the field, the covered ground and the totals of a job, in metres on the field's tangent
+plane.
 
 Files:
 
-- `across`: What one rate across the width costs
-- `boundary`: Where the field is: inside or not
-- `cells`: What is asked of a cell of the bitmap
-- `compiled_cells`: The bitmap's cells one by one, compiled
-- `coverage`: What of the field is done
-- `done_ground`: Ground that another machine or program has covered
-- `ground_trace`: The outlets' trace over the ground, also where no place is known
-- `job`: A job: what is to be done where, by which strategy; and, for the simulated machine
-- `job_names`: Whose job it is, where, of what, by whom
-- `planned_speed`: The speed that the job plans for the pass the machine is on
-- `totals`: What a job amounts to so far
+- `across`: Estimates the error of a single rate across the width
+- `boundary`: Defines the field's edge
+- `cells`: Defines the tests of a cell of the bitmap
+- `compiled_cells`: Compiled loops over the bitmap's cells, for long simulated runs
+- `coverage`: Records the covered ground in a bitmap under the outlets
+- `done_ground`: Rasterises ground that another machine or program has covered
+- `ground_trace`: Traces the outlets over the ground, also without a known position
+- `job`: Defines the job file: the work, its field and strategy
+- `job_names`: Names of a job for screens and sheets
+- `planned_speed`: Finds the speed that the job plans for the machine's present pass
+- `totals`: Sums a job: area, product, nitrogen
 """

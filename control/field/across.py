@@ -1,10 +1,9 @@
-"""What one rate across the width costs: the need under each head, or section, against the one
-rate for all.
+"""Estimates the error of a single rate across the width: the need under each head, or section,
+against the common rate.
 
-A machine meters by side only where each side has a metering unit of its own; with one roller
-for all outlets the rate is that of the fused canopy, and what the crop needs next to it is
-missed. Reported as the r.m.s. of need less rate, kg/ha, by the rule without grades. The heads'
-own noise is part of it; how much of it that noise alone would make is reported next to it.
+A machine varies the rate by side only with a metering unit for each side; with one roller for all
+outlets the rate is that of the fused canopy. The error is the r.m.s. of need minus rate, kg/ha, by
+the rule without grades. It includes the heads' own noise, whose share is reported separately.
 """
 
 from __future__ import annotations
@@ -20,24 +19,25 @@ from topdress.control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 
-TABLE_STEP_NDVI = 0.001  # of the table of needs
+# Step of the table of needs, NDVI.
+TABLE_STEP_NDVI = 0.001
 
 
 class WidthError(NamedTuple):
-    """kg/ha. `samples`: in which at least two heads spoke. `by_section_kg_ha`: None without
-    sections."""
+    """Errors of a single rate, kg/ha. `samples`: number of samples with at least two valid
+    heads. `by_section_kg_ha`: None without sections."""
 
     mean_need_kg_ha: float
     by_head_kg_ha: float
     by_section_kg_ha: float | None
-    # of the r.m.s. by head that the heads' noise alone would make
+    # R.m.s. by head that the heads' noise alone would cause, kg/ha.
     noise_kg_ha: float
     samples: int
 
 
 def measure_width_error(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> WidthError | None:
-    """heads: NDVI (samples, heads), left to right, NaN: silent. None where no two heads ever
-    spoke together."""
+    """Measure the error of a single rate from NDVI of the heads (samples, heads), left to right,
+    NaN for a silent head; None where no sample has two valid heads."""
     ndvi = np.asarray(heads, dtype=np.float64)
     ndvi = ndvi[np.count_nonzero(np.isfinite(ndvi), axis=1) >= 2]
     if not len(ndvi):
@@ -65,7 +65,8 @@ def measure_width_error(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> W
 
 
 def _calc_section_error(machine: Machine, by_head: Floats, one_rate: Floats) -> float | None:
-    """Each section needs the mean of its heads; one without a head of its own is left out."""
+    """Return the r.m.s. error by section: each section needs the mean of its heads; a section
+    without a head is left out."""
     if not machine.sections:
         return None
     ends = np.cumsum([section.outlets for section in machine.sections]) / machine.geometry.outlets
@@ -82,7 +83,7 @@ def _calc_rms(values: Floats) -> float:
 
 
 def describe_width_error(found: WidthError) -> str:
-    """One line."""
+    """Describe the errors in one line."""
     by_section = (
         "" if found.by_section_kg_ha is None else f", by section {found.by_section_kg_ha:.1f}"
     )

@@ -1,7 +1,8 @@
-"""Where the field is: inside or not, and how far to its edge along the way the machine is heading.
+"""Defines the field's edge: whether a position is inside, and the distance to the edge along the
+machine's heading.
 
-Vectors throughout, so that a line due north is no special case (paper B, eq 4 and 5 need
-slopes, and go wrong there).
+All calculations use vectors, so that a line due north is no special case (paper B, eq 4 and 5 use
+slopes, and fail there).
 """
 
 from __future__ import annotations
@@ -17,19 +18,18 @@ from topdress.control.geodesy import Place, find_unit_vector
 
 Floats = npt.NDArray[np.float64]
 
-# thinner margins are lost in the arithmetic of polygons
+# Minimum margin, m: thinner margins are lost in the rounding of polygons.
 _MIN_MARGIN_M = 0.001
-# corners: numpy's own calls take longer than so few edges looked at one by one
+# Number of corners up to which plain Python is faster than numpy's calls.
 _FEW_CORNERS = 24
 
 
 class Boundary:
-    """A field's edge on its tangent plane, m: one outline, with or without holes; does not
-    change once made.
+    """A field's edge on its tangent plane, m: one outline, with or without holes; immutable.
 
-    outline, holes: rings of at least three places (east_m, north_m), either way round, closed
-    by themselves. Raises ValueError in one line for a ring that is too short, a place that is
-    not finite, edges that cross, or a hole that is not inside the outline.
+    outline, holes: rings of at least three positions (east_m, north_m), in either direction, closed
+    automatically. Raises ValueError in one line for a ring that is too short, a position that is
+    not finite, crossing edges, or a hole outside the outline.
     """
 
     def __init__(self, outline: Sequence[Place], holes: Sequence[Sequence[Place]] = ()) -> None:
@@ -67,7 +67,7 @@ class Boundary:
 
     @property
     def is_empty(self) -> bool:
-        """Only an inset can be: a headland that leaves nothing."""
+        """Whether nothing is left; possible only after an inset larger than the field."""
         return bool(self.shape.is_empty)
 
     @property
@@ -80,15 +80,16 @@ class Boundary:
         )
 
     def contains_place(self, east_m: float, north_m: float) -> bool:
-        """Whether a place lies inside or on the edge; False where it is not finite. About 3 us."""
+        """Tell whether a position is inside or on the edge; False for a position that is not
+        finite. The call takes about 3 us."""
         return bool(shapely.intersects_xy(self.shape, east_m, north_m))
 
     def calc_distance_m(self, place: Place) -> float:
-        """Distance, m, from a place to the field; 0 inside."""
+        """Return the distance from a position to the field, m; 0 inside."""
         return float(shapely.distance(self.shape, shapely.Point(place)))
 
     def contains_places(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """`contains_place` for places (n, 2) -> (n,)."""
+        """Tell which positions (n, 2) are inside, as `contains_place` does: (n,)."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         return np.asarray(
             shapely.intersects_xy(self.shape, points[:, 0], points[:, 1]), dtype=np.bool_
@@ -97,14 +98,14 @@ class Boundary:
     def find_crossings_m(
         self, east_m: float, north_m: float, heading_deg: float, farthest_m: float = math.inf
     ) -> list[float]:
-        """Distances ahead, in rising order, at which a straight line from here crosses the
-        edge, up to `farthest_m`.
+        """Return the distances ahead, increasing, at which a straight line from this position
+        crosses the edge, up to `farthest_m`.
 
-        Each corner is put on one side of the line or the other, once for both its edges, and an
-        edge is crossed when its corners lie on different sides: so a line through a corner
-        crosses once where it passes from inside to outside, and twice or not at all where it
-        only touches; a line along an edge does not cross it. Empty where the place or the
-        heading is not finite. 2 us where the field has four corners, 15 us where many.
+        Each corner is assigned to one side of the line, once for both its edges, and an edge is
+        crossed when its corners are on different sides. So a line through a corner crosses once
+        where it passes from inside to outside, and twice or not at all where it only touches; a
+        line along an edge does not cross the edge. The result is empty where the position or the
+        heading is not finite. The call takes 2 us for four corners, 15 us for many.
         """
         if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
             return []
@@ -120,8 +121,8 @@ class Boundary:
     def _cross_few_edges(
         self, east_m: float, north_m: float, east: float, north: float
     ) -> list[tuple[float, float, float, float]]:
-        """The edges that the line through a place, in the direction (east, north), crosses: how
-        far aside and how far along each of both corners lies."""
+        """Return the edges that a line through a position in the direction (east, north)
+        crosses: lateral and longitudinal distance of both corners."""
         seen = [
             (
                 east * (n - north_m) - north * (e - east_m),
@@ -155,8 +156,8 @@ class Boundary:
         )
 
     def subtract_strips(self, strips: Sequence[tuple[Sequence[Place], float]]) -> Boundary:
-        """The field less all that lies nearer to a line of places than its metres; may be empty
-        or fall into parts."""
+        """Return the field without all ground nearer to a line of positions than its distance;
+        the result may be empty or consist of several parts."""
         near = shapely.union_all(
             [shapely.buffer(shapely.LineString(line), margin_m) for line, margin_m in strips]
         )
@@ -165,10 +166,10 @@ class Boundary:
         return smaller
 
     def inset_margin(self, margin_m: float) -> Boundary:
-        """The field less a margin along every edge and hole (the headland); may be empty or
-        fall into parts.
+        """Return the field without a margin along every edge and hole (the headland); the result
+        may be empty or consist of several parts.
 
-        A margin below 1 mm is none. Raises ValueError for a negative one.
+        A margin below 1 mm is ignored. Raises ValueError for a negative margin.
         """
         if not margin_m >= 0.0:
             raise ValueError(f"headland {margin_m:g} m: allowed is 0 or more")
@@ -183,8 +184,8 @@ class Boundary:
 
 
 def find_largest_part(shape: Polygon) -> Polygon:
-    """The largest polygon of those into which edges that cross cut a shape; ground driven round
-    twice is in it once."""
+    """Return the largest polygon of those into which crossing edges divide a shape; ground
+    inside two loops counts once."""
     parts = shapely.get_parts(shapely.make_valid(shape, method="structure", keep_collapsed=False))
     return max(
         (one for one in parts if isinstance(one, Polygon)),
@@ -212,7 +213,8 @@ def _validate_ring(name: str, ring: Sequence[Place]) -> list[Place]:
 
 
 def _index_next_corners(lengths: Sequence[int]) -> npt.NDArray[np.intp]:
-    """For rings of such lengths laid end to end: the corner that follows each, within its ring."""
+    """Return the index of the next corner of each corner, within its ring, for concatenated
+    rings of these lengths."""
     following: list[int] = []
     for length in lengths:
         first = len(following)

@@ -1,8 +1,8 @@
-"""What is asked of a cell of the bitmap: whether a stretch passed over it, whether it was done
-before.
+"""Defines the tests of a cell of the bitmap: whether a stretch covers the cell, and whether the
+cell was done before.
 
-Each is written once. Over arrays numpy runs it (`coverage`), cell by cell the compiled loops do
-(`compiled_cells`); both come to the same bits.
+Each test is written once. numpy runs it over arrays (`coverage`), compiled loops run it cell by
+cell (`compiled_cells`); both give identical bits.
 """
 
 from __future__ import annotations
@@ -17,23 +17,25 @@ from topdress.control.geodesy import Place
 Floats = npt.NDArray[np.float64]
 Corners = tuple[Place, Place, Place, Place]
 
-TILE_CELLS = 256  # cells on a side
-# a cell centre this far outside still counts, so that touching stretches leave no gap
+# Number of cells on a side of a tile.
+TILE_CELLS = 256
+# Distance outside a stretch, m, at which a cell centre still counts, so that adjacent stretches
+# leave no gap.
 _EDGE_TOLERANCE_M = 1e-9
 
 
 def allocate_sides() -> Floats:
-    """For the sides of the two triangles of a stretch: (2, 3, 6), see `put_triangle_sides`."""
+    """Allocate the sides of the two triangles of a stretch: (2, 3, 6), see `put_triangle_sides`."""
     return np.empty((2, 3, 6))
 
 
 def put_triangle_sides(sides: Floats, corners: Corners) -> None:
-    """The sides of the two triangles that a stretch is made of.
+    """Write the sides of the two triangles of a stretch.
 
-    corners : of the stretch, around it. sides : (2, 3, 6), written: of each side where it
-    begins (east, north, m), its way (east, north, m), on which hand its triangle lies (1: left,
-    -1: right), and how far, in m2, a place may lie on the other hand. A triangle without area
-    holds no place.
+    corners : of the stretch, in order around it. sides : (2, 3, 6), written: for each side its
+    start (east, north, m), its vector (east, north, m), the hand on which its triangle is (1: left,
+    -1: right), and a tolerance for positions on the other hand, m2. A triangle without area
+    contains no position.
     """
     for k in range(2):
         triangle = (corners[0], corners[k + 1], corners[k + 2])
@@ -55,18 +57,18 @@ def put_triangle_sides(sides: Floats, corners: Corners) -> None:
 def find_side_offset(
     from_east: Any, from_north: Any, de: Any, dn: Any, hand: Any, east: Any, north: Any
 ) -> Any:
-    """How far places lie on their hand of a side, times its length, m2; numbers, or arrays that
-    go together."""
+    """Return the distance of positions from a side, on the triangle's hand, times the length of
+    the side, m2; for numbers or arrays."""
     return hand * (de * (north - from_north) - dn * (east - from_east))
 
 
 def is_passed_again(travelled_m: Any, stamp: Any, revisit_m: Any) -> Any:
-    """Whether a cell that was covered at `stamp` of the way has been left for long enough to be
-    covered again."""
+    """Tell whether a cell that was covered at `stamp` of the path was left long enough ago to
+    count as covered again."""
     return travelled_m - stamp > revisit_m
 
 
 def offset_places(place: float, along_m: Any, way: float, aside_m: Any, side: float) -> Any:
-    """East or north, m, of places so far ahead and aside. way, side : that of the course, and
-    of what lies aside."""
+    """Return east or north, m, of positions at distances ahead and aside. way, side : the
+    component of the course, and of the lateral direction."""
     return place + along_m * way + aside_m * side

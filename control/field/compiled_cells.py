@@ -1,7 +1,7 @@
-"""The bitmap's cells one by one, compiled: for long simulated runs.
+"""Compiled loops over the bitmap's cells, for long simulated runs.
 
-Importing this loads the compiler, a third of a second: a console that is to start at once does
-without.
+Importing this module loads the compiler in a third of a second, so a console that must start
+immediately does not use it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ for _piece in (put_triangle_sides, find_side_offset, is_passed_again, offset_pla
 
 @mark_compilable
 def _is_in_triangle(triangle: Any, east_m: float, north_m: float) -> bool:
-    """Whether a place lies in a triangle (3, 6), its edges included."""
+    """Tell whether a position is in a triangle (3, 6), edges included."""
     for j in range(3):
         if (
             not find_side_offset(
@@ -49,11 +49,11 @@ def stamp_tile_cells(
     travelled_m: float,
     revisit_m: float,
 ) -> tuple[int, int, int]:
-    """Enter what lies in one tile of a stretch that was passed over; how many cells that is,
-    how many of them are new, and how many done before.
+    """Mark the cells of a covered stretch in one tile, and return the number of cells, of new
+    cells, and of cells done before.
 
     tile : stamps (TILE, TILE) float32, written. first_row, first_column : its first cell. box :
-    cells of the stretch, south, west, north, east. corners : as `put_triangle_sides` has them.
+    cells of the stretch, south, west, north, east. corners : as for `put_triangle_sides`.
     """
     sides = np.empty((2, 3, 6))
     put_triangle_sides(sides, corners)
@@ -92,11 +92,11 @@ def count_done_ahead(
     revisit_m: float,
     earlier: bool,
 ) -> Any:
-    """How many outlets would be over done ground at each step ahead: (steps,).
+    """Count the outlets over done ground at each step ahead: (steps,).
 
-    tiles : stamps of the tiles (south, west), (south, west + 1), (south + 1, west) and (south +
-    1, west + 1), in which all places lie. place, course : of the outlets' middle, east and
-    north. earlier : done by an earlier run alone, else by an earlier pass.
+    tiles : stamps of the tiles (south, west), (south, west + 1), (south + 1, west) and (south + 1,
+    west + 1), which contain all positions. place, course : of the outlets' middle, east and north.
+    earlier : whether only an earlier run counts, otherwise any earlier pass.
     """
     found = np.zeros(len(along_m))
     for step in range(len(along_m)):

@@ -1,12 +1,12 @@
-"""What of the field is done: a bitmap under the outlets, so that nothing is counted twice.
+"""Records the covered ground in a bitmap under the outlets, so that no ground is counted twice.
 
-Resolution: a cell (0.2 m unless stated otherwise) counts when its centre was passed over. Over
-whole passes the area is right to about a cell in width, in the mean over headings far better;
-see the tests. Bitmap tiles come into being where work is done: 100 MB hold 100 ha.
+A cell (0.2 m by default) counts when its centre was passed over. Over whole passes the area is
+accurate to about a cell in width, and far better in the mean over headings; see the tests. Bitmap
+tiles are allocated where work is done: 100 MB hold 100 ha.
 
-Whatever places are given, a call's work is bounded: a stretch longer than `longest_m` is a jump
-and not swept, places without business on a field's plane are left out, and a picture has at
-most `MAX_CELLS`.
+The work of a call is bounded for any positions: a stretch longer than `longest_m` is a jump and not
+covered, positions too far from the field's plane are ignored, and a raster has at most
+`MAX_RASTER_CELLS`.
 """
 
 from __future__ import annotations
@@ -31,20 +31,26 @@ from .cells import (
     put_triangle_sides,
 )
 
-_EARLIER_STAMP = -math.inf  # stamp of what an earlier run has done
-# from the plane's origin: no place beyond it is one of the field
+# Stamp of ground that an earlier run has done.
+_EARLIER_STAMP = -math.inf
+# Maximum distance from the plane's origin of a position in the field, m.
 MAX_DISTANCE_M = 100_000.0
-MAX_RASTER_CELLS = 400_000_000  # of a picture: 4 km by 4 km at 0.2 m, 400 MB
+# Maximum number of cells of a raster: 4 km by 4 km at 0.2 m, 400 MB.
+MAX_RASTER_CELLS = 400_000_000
 
 
 class Covered(NamedTuple):
-    area_ha: float  # each place once
-    overlap_ha: float  # what was passed over again, every time
+    """Covered area of a run."""
+
+    # Area with each position counted once, ha.
+    area_ha: float
+    # Area that was passed over again, counted every time, ha.
+    overlap_ha: float
     travelled_m: float
 
 
 class Raster(NamedTuple):
-    """A picture of the covered ground: `done[row, column]`, row 0 in the south, column 0 in the
+    """A raster of the covered ground: `done[row, column]`, row 0 in the south, column 0 in the
     west."""
 
     west_m: float
@@ -54,7 +60,7 @@ class Raster(NamedTuple):
 
 
 class _OutletBar(NamedTuple):
-    """A row of outlets; `middle`: of the whole machine."""
+    """Ends of a row of outlets; `middle`: of the whole machine."""
 
     middle: Place
     left: Place
@@ -62,17 +68,18 @@ class _OutletBar(NamedTuple):
 
 
 class _OutletStrip:
-    """Outlets that flow together, and where their last stretch ended. Edges: m to the right of
+    """Outlets that flow together, with the end of their last stretch. Edges: m to the right of
     the middle."""
 
     def __init__(self, left_m: float, right_m: float) -> None:
         self.left_m, self.right_m = left_m, right_m
-        self.bar: _OutletBar | None = None  # where the last stretch ended
-        # worked up to this place, on this course, since: less than half a cell on
+        # End of the last stretch.
+        self.bar: _OutletBar | None = None
+        # Start and course of a stretch that is still shorter than half a cell, and its length, m.
         self.saved: tuple[Place, float, float] | None = None
 
     def place_outlets(self, place: Place, east: float, north: float) -> _OutletBar:
-        """Here, on a course of this direction."""
+        """Return the row of outlets at a position, on a course of this direction."""
         return _OutletBar(
             place,
             (place[0] + self.left_m * north, place[1] - self.left_m * east),
@@ -81,14 +88,14 @@ class _OutletStrip:
 
 
 class Coverage:
-    """Fed with the middle of the outlets, tick by tick.
+    """Records coverage from the position of the outlets' middle, tick by tick.
 
-    A cell passed over again counts as overlap when the machine has travelled more than
-    `revisit_m` since (three widths unless stated otherwise), so that a tight turn is not its
-    own overlap. Two calls farther apart than `longest_m` are a jump of the position: no ground
-    is passed over between them. strips: outlets that flow together, by their edges, m to the
-    right of the middle; the whole width unless given otherwise. Raises ValueError for a width
-    or a cell that is not above 0, or a cell larger than half the width.
+    A cell that is passed over again counts as overlap when the machine has travelled more than
+    `revisit_m` since (three widths by default), so that a tight turn does not overlap itself. Two
+    calls farther apart than `longest_m` are a jump of the position, without coverage between them.
+    strips: outlets that flow together, by their edges, m to the right of the middle; the whole
+    width by default. Raises ValueError for a width or a cell that is not above 0, or a cell larger
+    than half the width.
     """
 
     def __init__(
@@ -100,7 +107,8 @@ class Coverage:
         strips: Sequence[tuple[float, float]] = (),
         steps: CompiledSteps | None = None,
     ) -> None:
-        """steps: compiled, for long runs: cell by cell, in a third of the time."""
+        """Create an empty coverage. steps: compiled loops for long runs, which take a third of
+        the time."""
         if not 0.0 < 2.0 * cell_m <= width_m:
             raise ValueError(
                 f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at "
@@ -111,9 +119,10 @@ class Coverage:
         self.cell_m = cell_m
         self.revisit_m = 3.0 * width_m if revisit_m is None else revisit_m
         self.longest_m = longest_m
-        # by row and column
+        # Tiles by row and column.
         self._tiles: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
-        self._newest = (0, 0)  # tile that was entered last
+        # Tile of the last mark.
+        self._newest = (0, 0)
         self._cells = self._again = 0
         self._travelled_m = 0.0
         self._last: Place | None = None
@@ -126,11 +135,11 @@ class Coverage:
         self.loops: Any = None if steps is None else steps.cells
 
     def add_earlier_ground(self, ground: Raster, ours: bool = True) -> None:
-        """Ground that an earlier run has done, with cells of any size: covered, and never just
-        passed over.
+        """Add ground that an earlier run has done, with cells of any size: it counts as covered,
+        and never as just passed over.
 
-        A cell here counts when its centre lies in a done cell there. ours: False for the ground
-        of another machine, which is no area that was covered here.
+        A cell here counts when its centre is in a done cell there. ours: False for the ground of
+        another machine, which does not count as covered area.
         """
         cells = self._cells
         rows, columns = ground.done.shape
@@ -158,12 +167,11 @@ class Coverage:
             self._cells = cells
 
     def extend_to(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
-        """The middle of the outlets is here; `flowing`: material has been landing since the
-        last call, where the coverage has strips of each of them.
+        """Extend the coverage to the outlets' present middle; `flowing`: whether material has been
+        landing since the last call, by strip where the coverage has several.
 
-        Stretches shorter than half a cell are saved up. A place that is not finite, or too far
-        away to be one of the field, is left out, and breaks the stretch; so does a jump, after
-        which it begins anew.
+        Stretches shorter than half a cell are accumulated. A position that is not finite, or too
+        far away for the field, is ignored and interrupts the stretch; so does a jump.
         """
         if not (
             abs(place[0]) <= MAX_DISTANCE_M
@@ -194,7 +202,7 @@ class Coverage:
 
     @property
     def no_flow(self) -> bool | Sequence[bool]:
-        """What `extend_to` is given where nothing flows."""
+        """Argument of `extend_to` for no flow."""
         return False if len(self._strips) == 1 else (False,) * len(self._strips)
 
     @property
@@ -203,10 +211,10 @@ class Coverage:
         return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
     def find_covered(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed
-        over does not count.
+        """Tell which positions (n, 2) an earlier pass has covered: (n,). Ground that was just
+        passed over does not count.
 
-        Some 20 us for a few hundred places near each other.
+        The call takes some 20 us for a few hundred neighbouring positions.
         """
         again: npt.NDArray[np.bool_] = is_passed_again(
             self._travelled_m, self._find_stamps(places), self.revisit_m
@@ -214,12 +222,13 @@ class Coverage:
         return again
 
     def find_covered_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not
-        since."""
+        """Tell which positions (n, 2) an earlier run has covered and this run has not covered
+        since: (n,)."""
         return np.isneginf(self._find_stamps(places))
 
     def _find_stamps(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """How far the machine had travelled when each place (n, 2) was covered last; NaN: never."""
+        """Return the travelled distance at the last coverage of each position (n, 2), m; NaN
+        where never covered."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         found = np.full(len(points), np.nan)
         known = np.flatnonzero(
@@ -246,10 +255,10 @@ class Coverage:
         return found
 
     def make_raster(self) -> Raster:
-        """All that is covered, for drawing; one cell of nothing when nothing is.
+        """Return a raster of all covered ground for drawing; a single empty cell for no coverage.
 
-        Ground too far apart for one picture of `MAX_CELLS`: what lies around the place entered
-        last. What is less than half a cell on counts too.
+        If the ground is too large for one raster of `MAX_RASTER_CELLS`, the raster shows the
+        surroundings of the last position. A stretch shorter than half a cell is included.
         """
         for strip in self._strips:
             if strip.bar is not None and strip.saved is not None:
@@ -305,7 +314,7 @@ class Coverage:
                 self._mark_tile(row, column, south, west, passed, self._travelled_m)
 
     def _stamp_stretch(self, corners: Corners, box: tuple[int, int, int, int]) -> None:
-        """Enter a stretch cell by cell. box: its cells, south, west, north, east."""
+        """Mark a stretch cell by cell. box: its cells, south, west, north, east."""
         for row in range(box[0] // TILE_CELLS, box[2] // TILE_CELLS + 1):
             for column in range(box[1] // TILE_CELLS, box[3] // TILE_CELLS + 1):
                 tile = self._tiles.get((row, column))
@@ -330,12 +339,11 @@ class Coverage:
     def count_done_ahead(
         self, place: Place, course: Place, along_m: Floats, aside_m: Floats, earlier: bool
     ) -> Floats | None:
-        """How many places aside are over done ground at each place along: (along,). None: it is
-        to be asked by `find_covered`, for want of compiled loops or because the places lie far
-        apart.
+        """Count the positions aside that are over done ground at each distance along: (along,).
 
-        place, course: of the outlets' middle, east and north. earlier: as of
-        `find_covered_earlier`.
+        None means that the caller must use `find_covered`, because no compiled loop is available or
+        the positions are far apart. place, course: of the outlets' middle, east and north. earlier:
+        as for `find_covered_earlier`.
         """
         if self.loops is None:
             return None
@@ -388,7 +396,7 @@ class Coverage:
         passed: npt.NDArray[np.bool_],
         stamp: float,
     ) -> None:
-        """Enter the part of `passed` (its corner at cell south, west) that lies in one tile."""
+        """Mark the part of `passed` (its corner at cell south, west) that is in one tile."""
         r0, c0 = row * TILE_CELLS, column * TILE_CELLS
         r = slice(max(south, r0), min(south + passed.shape[0], r0 + TILE_CELLS))
         c = slice(max(west, c0), min(west + passed.shape[1], c0 + TILE_CELLS))
@@ -413,15 +421,16 @@ def _make_empty_tile() -> npt.NDArray[np.float32]:
 
 
 def _find_tile_box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
-    """First and last row, first and last column."""
+    """Return the first and last row, and the first and last column, of the tiles."""
     rows, columns = [row for row, _ in tiles], [column for _, column in tiles]
     return min(rows), max(rows), min(columns), max(columns)
 
 
 def _find_in_triangles(east: Floats, north: Floats, sides: Floats) -> npt.NDArray[np.bool_]:
-    """Which of the places (columns, rows) lie in any of the triangles (k, 3, 6), edges included.
+    """Tell which positions (columns, rows) are in any of the triangles (k, 3, 6), edges included.
 
-    All sides of all triangles at once: their few cells take numpy less time than a call of it.
+    All sides of all triangles are tested at once, because a call of numpy takes longer than the
+    test of a few cells.
     """
     from_east, from_north, de, dn, hand, slack = sides.transpose(2, 0, 1)[..., None, None]
     within = find_side_offset(from_east, from_north, de, dn, hand, east, north) >= slack

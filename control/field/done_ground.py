@@ -1,4 +1,4 @@
-"""Ground that another machine or program has covered, as a picture on the field's plane."""
+"""Rasterises ground that another machine or program has covered, on the field's plane."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import shapely
 from topdress.control.field.coverage import MAX_RASTER_CELLS, Raster
 from topdress.control.geodesy import Place, TangentPlane
 
-CELL_M = 0.2  # as the loop's own bitmap of done ground has it
+# Cell size, m: the same as of the loop's own coverage.
+CELL_M = 0.2
 
 
 class DoneGround(NamedTuple):
-    """`area_ha`: each place once."""
+    """Ground that others have covered. `area_ha`: area with each position counted once."""
 
     plane: TangentPlane
     raster: Raster
@@ -33,10 +34,10 @@ class DoneGround(NamedTuple):
 def rasterise_ground(
     shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: float = CELL_M
 ) -> DoneGround:
-    """Polygons (n,) on the plane, m, which may lie over one another, as cells: one is done when
-    its middle lies in any.
+    """Rasterise polygons (n,) on the plane, m, which may overlap: a cell is done when its middle is
+    in any polygon.
 
-    Raises ValueError where there is no ground, or too much for one picture.
+    Raises ValueError for no ground, or too much ground for one raster.
     """
     whole = shapely.union_all(shapely.make_valid(shapes))
     if not whole.area > 0.0:
@@ -68,7 +69,7 @@ def rasterise_ground(
 
 
 def _list_ring_sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Beginning and end (n, 2) of every side of every ring, holes too."""
+    """Return start and end (n, 2) of every side of every ring, including holes."""
     rings = [
         shapely.get_coordinates(ring)
         for part in shapely.get_parts(whole)
@@ -84,8 +85,8 @@ def _list_ring_sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[n
 def _find_crossings(
     begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], north_m: npt.NDArray[np.float64]
 ) -> list[tuple[npt.NDArray[np.float64], bool]]:
-    """East of each place where a side crosses each of these lines (rows,), and whether any
-    does: an even number."""
+    """Return the east coordinates at which sides cross each of these lines (rows,), an even
+    number, and whether any side does."""
     low, high = np.minimum(begin[:, 1], end[:, 1]), np.maximum(begin[:, 1], end[:, 1])
     first, last = np.searchsorted(north_m, low, "right"), np.searchsorted(north_m, high, "right")
     counts = last - first

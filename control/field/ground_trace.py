@@ -1,5 +1,6 @@
-"""The outlets' trace over the ground, also where no place is known: GNSS is silent and work goes
-on by the wheel. When the place returns the way between becomes done ground."""
+"""Traces the outlets over the ground, also without a known position: while GNSS is silent, work
+continues by the wheel. When the position returns, the path between becomes done ground.
+"""
 
 from __future__ import annotations
 
@@ -16,36 +17,40 @@ from topdress.control.geodesy import (
 )
 
 Flowing = bool | Sequence[bool]
-PassedPlace = tuple[Place, float, Flowing]  # place, heading in degrees, what landed up to there
+# Position, heading in degrees, and the material that landed up to this position.
+PassedPlace = tuple[Place, float, Flowing]
 
-# longer ways without a place are given up, m: 80 s at 1.25 m/s
+# Maximum length of a path without a position, m: 80 s at 1.25 m/s.
 MAX_WAY_M = 100.0
-# pieces of such a way that are kept, m: at least a cell of the coverage
+# Length of the recorded pieces of such a path, m: at least a cell of the coverage.
 PIECE_LENGTH_M = 0.25
-# between places that are entered along it, m: below `DoneGroundAhead`'s longest step
+# Distance between recorded positions along the path, m: below the maximum step of
+# `DoneGroundAhead`.
 STEP_LENGTH_M = 1.0
-# wheel and places agree: this share of the way is what a believed wheel may slip ...
+# Slip of a trusted wheel as a share of the path, up to which wheel and positions agree.
 WHEEL_SLIP_SHARE = 0.1
-# ... and this, m, one s.d. of a plain receiver's place
+# Standard deviation of a plain receiver's position, m.
 PLACE_SD_M = 2.0
-# across a straight way, of its length: what a course that nobody tells may be off
+# Lateral deviation of an assumed straight path, as a share of its length, without a measured
+# course.
 COURSE_SD_SHARE = 0.05
-# tangent of 30 degrees: a way that turns by more between two places may be any
+# Tangent of 30 degrees: a path that turns by more between two positions is unknown.
 MAX_TURN_TANGENT = 0.58
 
 
 class UnplacedWay:
-    """A way from the last place that is known, and what landed along it."""
+    """A path from the last known position, with the material that landed along it."""
 
     def __init__(self, place: Place, heading_deg: float) -> None:
         self.way_m = 0.0
         self.has_landed = False
         self._place, self._heading_deg = place, heading_deg
-        # up to which way: what landed, each by strip of the coverage where it has several
+        # Path length up to which, and whether, material landed, by strip where the coverage has
+        # several.
         self._pieces: list[tuple[float, Flowing]] = []
 
     def extend_way(self, way_m: float, flowing: Flowing) -> None:
-        """The outlets went on so far, m."""
+        """Extend the path by the distance that the outlets have moved, m."""
         self.way_m += way_m
         self.has_landed |= _is_any_flowing(flowing)
         begin_m = self._pieces[-2][0] if len(self._pieces) > 1 else 0.0
@@ -56,8 +61,8 @@ class UnplacedWay:
         self._pieces.append((self.way_m, flowing))
 
     def connect_to(self, place: Place, heading_deg: float) -> list[PassedPlace] | None:
-        """The way to the place that is known again, a smooth curve between both courses; None:
-        the wheel's length does not agree with it, or it turns too much to be known."""
+        """Return the path to the returned position as a smooth curve between both courses; None
+        where the wheel's distance disagrees, or the path turns too much."""
         for course in (self._heading_deg, heading_deg):
             ahead_m, aside_m = _resolve_components(self._place, place, course)
             if ahead_m <= 0.0 or abs(aside_m) > PLACE_SD_M + MAX_TURN_TANGENT * ahead_m:
@@ -78,15 +83,15 @@ class UnplacedWay:
         ]
 
     def extend_straight(self, width_m: float) -> list[PassedPlace]:
-        """The way as it was if nobody turned, as far as the outlets, so wide, are then within
-        half their width of it."""
+        """Return the path as a straight line, as far as outlets of this width would be within
+        half their width of the true path."""
         return [
             (offset_place(self._place, self._heading_deg, way_m), self._heading_deg, flowing)
             for way_m, flowing in self._iterate_steps(0.5 * width_m / COURSE_SD_SHARE)
         ]
 
     def _iterate_steps(self, most_m: float) -> Iterator[tuple[float, Flowing]]:
-        """Ends of the steps, m, and what landed in each."""
+        """Yield the ends of the steps, m, and the material that landed in each."""
         at_m = 0.0
         for end_m, flowing in self._pieces:
             while at_m < min(end_m, most_m):
@@ -95,28 +100,29 @@ class UnplacedWay:
 
 
 class GroundTrace:
-    """Feeds a coverage with the outlets' places, one call a tick."""
+    """Updates a coverage with the outlets' positions, one call a tick."""
 
     def __init__(self, coverage: Coverage) -> None:
         self.coverage = coverage
-        self._last: tuple[Place, float] | None = None  # place and heading that were known
+        # Last known position and heading.
+        self._last: tuple[Place, float] | None = None
         self._unplaced: UnplacedWay | None = None
 
     def pass_over(
         self, place: Place | None, heading_deg: float | None, flowing: Flowing, way_m: float
     ) -> tuple[float, bool] | None:
-        """The outlets are here.
+        """Record the outlets' position.
 
         Parameters
         ----------
-        place, heading_deg: None where no place, m, or no course is known.
-        flowing: whether something lands, by strip of the coverage where it has several.
-        way_m: since the last call, by the speed; negative: backwards.
+        place, heading_deg: None where the position, m, or the course is unknown. flowing: whether
+        material lands, by strip where the coverage has several. way_m: distance since the last
+        call, by the speed, m; negative for reversing.
 
         Returns
         -------
-        Where the place is known again: the way without one on which something landed, m, and
-        whether it is done ground now; else None.
+        When the position is known again: the distance without a position on which material landed,
+        m, and whether that ground is done now; else None.
         """
         if place is None or heading_deg is None:
             self._extend_unplaced(way_m, flowing)
@@ -127,7 +133,7 @@ class GroundTrace:
         return found
 
     def reckon_open_way(self) -> list[PassedPlace]:
-        """The way without a place that is still open, straight on; empty where there is none."""
+        """Return the open path without a position as a straight line; empty where there is none."""
         if self._unplaced is None or not self._unplaced.has_landed or self._last is None:
             return []
         begin = (*self._last, self.coverage.no_flow)
@@ -163,7 +169,7 @@ class GroundTrace:
 
 
 class _Curve:
-    """A cubic curve (Hermite) from one place to another, along both courses."""
+    """A cubic Hermite curve from one position to another, along both courses."""
 
     def __init__(self, begin: Place, begins: Place, end: Place, ends: Place) -> None:
         length_m = calc_plane_distance_m(begin, end)
@@ -173,7 +179,7 @@ class _Curve:
         )
 
     def interpolate_place(self, share: float) -> Place:
-        """Place after this share of it, 0 to 1."""
+        """Return the position at a share of the curve, 0 to 1."""
         s, rest = share, 1.0 - share
         weights = (
             rest * rest * (1.0 + 2.0 * s),
@@ -189,7 +195,8 @@ class _Curve:
 
 
 def _resolve_components(begin: Place, end: Place, heading_deg: float) -> Place:
-    """From one place to another: so far ahead and to the right, m, seen along a heading."""
+    """Return the components of the vector between two positions ahead and to the right of a
+    heading, m."""
     east, north = find_unit_vector(heading_deg)
     to_east, to_north = end[0] - begin[0], end[1] - begin[1]
     return to_east * east + to_north * north, to_east * north - to_north * east

@@ -1,5 +1,6 @@
-"""A job: what is to be done where, by which strategy; and, for the simulated machine, the
-ground it works on."""
+"""Defines the job file: the work, its field and strategy, and the ground of the simulated
+machine.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +19,20 @@ from topdress.control.orders import MAP_SOURCES, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(ge=0.01, le=1000)]
-NRate = Annotated[float, Field(ge=0, le=1000)]  # of N, not of product
-# of a corner, from the field's origin
+# Nitrogen rate, kg/ha of N, not of product.
+NRate = Annotated[float, Field(ge=0, le=1000)]
+# Offset of a corner from the field's origin, m.
 CornerOffset = Annotated[float, Field(ge=-100_000, le=100_000)]
 Hz = Annotated[float, Field(ge=0.01, le=20)]
 MAX_CORNERS = 20_000
-MAX_PLANTS = 1_000_000  # as many as a plant list may have
+# Maximum number of plants, as in a plant list.
+MAX_PLANTS = 1_000_000
 Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
 
 class Wanted(FrozenModel):
-    """Where the target comes from."""
+    """Source of the target."""
 
     source: Literal[
         TargetSource.CANOPY,
@@ -40,34 +43,37 @@ class Wanted(FrozenModel):
         TargetSource.EXTERNAL,
     ] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
-    # external: so long the other display's is believed
+    # Source external: validity of a target of the other display, s.
     external_holds_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0
-    # external: what is spread while the other display is silent, unless it last wanted
-    # nothing; None: 0
+    # Source external: rate while the other display is silent, unless its last target was zero; None
+    # means 0.
     external_silent_kg_ha: Rate | None = None
-    # canopy: the field's mean comes to this, the canopy says where; None: the rule says how
-    # much as well
+    # Source canopy: mean rate of the field, with the canopy deciding the distribution; None means
+    # that the rule also decides the amount.
     hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
-    # map_and_canopy: how far the heads may move
+    # Source map_and_canopy: permitted deviation of the heads from the map, %.
     around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0
-    around_kg_ha: Rate | None = None  # the same in kg/ha; None: by percent
+    # Permitted deviation in kg/ha; None means by percent.
+    around_kg_ha: Rate | None = None
     decision_hz: Hz = 1.0
-    map: str | None = None  # a prescription, next to the job file
-    plants: str | None = None  # a plant list, next to the job file
-    # canopy: a raster or zones of the crop's index, next to the job file, for where the heads
-    # say nothing
+    # Path of a prescription, relative to the job file.
+    map: str | None = None
+    # Path of a plant list, relative to the job file.
+    plants: str | None = None
+    # Source canopy: path of a raster or of zones of the crop's index, relative to the job file, for
+    # silent heads.
     index_map: str | None = None
-    # canopy: zones of yield or soil next to the job file, column factor, 0 to 2: times what the
-    # rule finds there
+    # Source canopy: path of zones of yield or soil, relative to the job file, with a column factor,
+    # 0 to 2, that multiplies the rule's rate.
     zone_map: str | None = None
-    # point mode: one dose, as the paper's
+    # Point mode: angle of a dose, degrees, as in the paper.
     dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0
-    # the drive's pause between doses, for its report
+    # Pause of the drive between doses for its report, s.
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04
-    # point mode: measured dose errors move the threshold
+    # Point mode: whether measured dose errors change the threshold.
     learn_threshold: bool = True
-    # point mode: errors measured before, next to the job: columns error_m (late positive) and
-    # speed_mps
+    # Point mode: path of earlier measured errors, relative to the job file: columns error_m (late
+    # positive) and speed_mps.
     dose_errors: str | None = None
 
     @model_validator(mode="after")
@@ -87,20 +93,20 @@ class Wanted(FrozenModel):
 
 
 class Nitrogen(FrozenModel):
-    """N of this crop on this field, kg of N per ha: what it has, what it gets besides, and how
-    much it may get."""
+    """Nitrogen of this crop on this field, kg of N per ha: applied, credited from other sources,
+    and permitted."""
 
-    # since sowing or in this year, by hand or by others: off the optimum of a sufficiency
-    # index, and off the ceiling
+    # Applied since sowing or in this year, by hand or by others: subtracted from the optimum of a
+    # sufficiency index, and from the ceiling.
     given_kg_ha: NRate = 0.0
-    # from manure, legumes, soil or water, not in the canopy yet: off what the rule gives; no
-    # part of the ceiling
+    # Credit from manure, legumes, soil or water that the canopy does not show yet: subtracted from
+    # the rule's rate, not from the ceiling.
     credit_kg_ha: NRate = 0.0
-    # no place of the field gets more in a year, over all passes
+    # Maximum of a year for any position of the field, over all passes.
     year_max_kg_ha: NRate | None = None
-    # when that year began; None: on 1 January of the day of work
+    # Start of that year; None means 1 January of the day of work.
     year_from: dt.date | None = None
-    # farm record, next to the job: what its passes gave is off the ceiling
+    # Path of a farm record, relative to the job file: its passes are subtracted from the ceiling.
     record: str | None = None
 
     @model_validator(mode="after")
@@ -112,7 +118,7 @@ class Nitrogen(FrozenModel):
 
 
 class Margin(FrozenModel):
-    """Ground along a water or a path that gets nothing: as far as `margin_m` from the line."""
+    """Ground along a water or a path that gets no material, up to `margin_m` from the line."""
 
     title: Name = ""
     along_m: Annotated[
@@ -122,7 +128,7 @@ class Margin(FrozenModel):
 
 
 class GuidanceLine(FrozenModel):
-    """What the tractor is steered along: two places for a straight (AB) line, more for a curve."""
+    """Guidance line of the tractor: two positions for a straight (AB) line, more for a curve."""
 
     title: Name = ""
     points_m: Annotated[
@@ -136,11 +142,11 @@ class Ground(FrozenModel):
     title: str = ""
     origin_lat_deg: Annotated[float, Field(ge=-89, le=89)] = 34.28
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
-    # closed by itself; empty: no field known
+    # Outline, closed automatically; empty for an unknown field.
     boundary_m: Annotated[
         tuple[tuple[CornerOffset, CornerOffset], ...], Field(max_length=MAX_CORNERS)
     ] = ()
-    # ground inside it that is not worked: ponds, trees, masts
+    # Ground inside the outline that is not worked: ponds, trees, masts.
     holes_m: Annotated[
         tuple[
             Annotated[
@@ -151,15 +157,17 @@ class Ground(FrozenModel):
         ],
         Field(max_length=1000),
     ] = ()
-    # that the tractor is steered along
+    # Guidance lines of the tractor.
     lines: Annotated[tuple[GuidanceLine, ...], Field(max_length=1000)] = ()
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
-    # along every edge of the boundary
+    # Width of the headland along every edge of the boundary, m.
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0
-    headland_rate_kg_ha: Rate | None = None  # there; 0: nothing; None: as everywhere
-    # ground that others have covered, next to the job: gets no more
+    # Rate on the headland; 0 for no material, None for the same rate as elsewhere.
+    headland_rate_kg_ha: Rate | None = None
+    # Path of ground that others have covered, relative to the job file, which gets no more
+    # material.
     done: str | None = None
-    # along chosen edges: nothing lands there
+    # Strips along chosen edges that get no material.
     margins: Annotated[tuple[Margin, ...], Field(max_length=1000)] = ()
 
     @model_validator(mode="after")
@@ -173,13 +181,16 @@ class Ground(FrozenModel):
         return self
 
     def make_boundary(self) -> Boundary | None:
-        """The field's edge; None where no field is known. Raises ValueError."""
+        """Return the field's edge; None for an unknown field. Raises ValueError."""
         return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
 
     def make_spread_ground(self, half_width_m: float) -> Boundary | None:
-        """Where the middle of what is `2 half_width_m` wide may spread: inside the edge, and
-        all of it outside every margin; None where no field is known. Raises ValueError where
-        the margins leave nothing."""
+        """Return the ground on which the middle of a spread of width `2 half_width_m` may be:
+        inside the edge, and with its whole width outside every margin.
+
+        The result is None for an unknown field. Raises ValueError where the margins leave no
+        ground.
+        """
         field = self.make_boundary()
         if field is None or not self.margins:
             return field
@@ -192,7 +203,8 @@ class Ground(FrozenModel):
 
 
 class Canopy(FrozenModel):
-    """A seeded, spatially correlated NDVI field (decision paper: means 0.467-0.546, CV 8-11 %)."""
+    """A random, spatially correlated NDVI field with a seed (decision paper: means 0.467-0.546,
+    CV 8-11 %)."""
 
     mean_ndvi: Annotated[float, Field(ge=0.05, le=0.95)] = 0.52
     cv_percent: Annotated[float, Field(ge=0, le=60)] = 9.5
@@ -203,23 +215,26 @@ class Plants(FrozenModel):
     """A row of plants in the middle of every pass."""
 
     spacing_m: Annotated[float, Field(ge=0.02, le=10)] = 0.25
-    # of the spacing, along the row, 1 s.d.
+    # Standard deviation of the position along the row, as a share of the spacing.
     scatter_percent: Annotated[float, Field(ge=0, le=50)] = 10.0
 
 
 class Camera(FrozenModel):
-    """Sees plants ahead of the outlet and tells them when its computer is done (point paper:
-    1.5 s)."""
+    """Camera that sees plants ahead of the outlet and reports them after its computing time
+    (point paper: 1.5 s)."""
 
-    ahead_m: Metres = 6.0  # nearest edge of the picture
-    view_m: Metres = 1.0  # length of the picture
+    # Distance of the near edge of the picture, m.
+    ahead_m: Metres = 6.0
+    # Length of the picture, m.
+    view_m: Metres = 1.0
     hz: Annotated[float, Field(ge=0.01, le=50)] = 10.0
     computing_s: Annotated[float, Field(ge=0, le=10)] = 1.5
     seen_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
 
 class SpeedChange(FrozenModel):
-    """From `at_s` on the tractor wants `speed_kmh` (0 stops, negative backs up)."""
+    """Change of speed: from `at_s` on the tractor's target is `speed_kmh` (0 stops, negative
+    reverses)."""
 
     at_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
     speed_kmh: Annotated[float, Field(ge=-10, le=30)] = 4.5
@@ -227,43 +242,45 @@ class SpeedChange(FrozenModel):
 
 
 class Simulated(FrozenModel):
-    """The ground truth of the simulated machine: tractor, passes, canopy, sensor rates, refills."""
+    """Ground truth of the simulated machine: tractor, passes, canopy, sensor rates, refills."""
 
     canopy: Canopy = Canopy()
     speed_kmh: Annotated[float, Field(ge=0.01, le=30)] = 4.5
     speed_wander_percent: Annotated[float, Field(ge=0, le=30)] = 2.0
     speed_changes: Annotated[tuple[SpeedChange, ...], Field(max_length=10_000)] = ()
-    # the tractor tells nothing, the speed that its driver has set, changes of that ahead as
-    # well, or all of its drive
+    # Announcement of the tractor: none, the speed that its driver has set, future changes of that
+    # speed as well, or its whole drive.
     speed_told: Literal["none", "set", "plan", "drive"] = "none"
     pass_length_m: Annotated[float, Field(ge=0.1, le=20_000)] = 300.0
     passes: Annotated[int, Field(ge=1, le=1000)] = 24
-    run_in_m: Metres = 12.0  # straight beyond each end of a pass
-    # of the whole way: where the machine stands at first
+    # Straight distance beyond each end of a pass, m.
+    run_in_m: Metres = 12.0
+    # Start position of the machine along the whole path, m.
     begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     gnss_hz: Hz = 10.0
     heads_hz: Hz = 2.0
-    # what the simulated heads read off the canopy
+    # Index that the simulated heads read.
     heads_index: Literal["ndvi", "ndre"] = "ndvi"
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
     refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
     refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0
-    # nose up when heading along pass_heading_deg
+    # Upward pitch when heading along pass_heading_deg, degrees.
     slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    # pitch and roll wander, 1 s.d.
+    # Standard deviation of pitch and roll, degrees.
     roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5
-    # what the strongest gusts press on the hopper or lift it, three s.d.
+    # Load of the strongest gusts on the hopper, three standard deviations, kg.
     wind_kg: Annotated[float, Field(ge=0, le=500)] = 0.0
-    # who steps up on the machine while it stands
+    # Mass of a person who steps on the standing machine, kg.
     person_kg: Annotated[float, Field(ge=0, le=500)] = 0.0
-    # of the scale, 1 s.d. for each m/s of driving
+    # Standard deviation of the scale for each m/s of speed, kg.
     shaking_kg_per_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
-    # the flow of each lot that is filled in lies within as much of the first one's
+    # Variation of the flow between lots, relative to the first lot, %.
     lot_percent: Annotated[float, Field(ge=0, le=50)] = 0.0
-    # point mode; a plant list of the job stands before it
+    # Plants of point mode; the job's plant list takes precedence.
     plants: Plants | None = None
-    camera: Camera | None = None  # point mode without a plant list
-    # of dose errors, measured behind the machine
+    # Camera of point mode without a plant list.
+    camera: Camera | None = None
+    # Standard deviation of dose errors measured behind the machine, m.
     dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
     @model_validator(mode="after")
@@ -280,43 +297,49 @@ class Simulated(FrozenModel):
 
 
 class Job(FrozenModel):
+    """Job file "topdress-job/1"."""
+
     format: Literal["topdress-job/1"] = "topdress-job/1"
     id: str = "demo"
     title: str = ""
     client: Name = ""
     farm: Name = ""
     operator: Name = ""
-    product: Name = ""  # what is spread, as the bag names it
-    # the same as a product file: N share, and the flow by its catch tests
+    # Product, as named on the bag.
+    product: Name = ""
+    # Product file with the N share, and the flow by its catch tests.
     product_file: str | None = None
-    # of a kilogram of the product, as bought: costs on the report and in the farm record; None:
-    # none are said
+    # Purchase price per kilogram of product, for the costs on the report and in the farm record;
+    # None for no costs.
     price_per_kg: Annotated[float, Field(ge=0, lt=1e6)] | None = None
-    currency: Annotated[str, Field(max_length=8)] = "EUR"  # of that price
+    # Currency of the price.
+    currency: Annotated[str, Field(max_length=8)] = "EUR"
     crop: str = "huanghai_wheat"
-    # by the crop's day rule; None: the crop file's
+    # Growing days by the crop's day rule; None means those of the crop file.
     days: Annotated[int, Field(ge=1, le=400)] | None = None
-    # with the crop's weather file; None: as that crop file says
+    # Date of sowing, for the crop's weather file; None means that of the crop file.
     sown: dt.date | None = None
-    # the same; None: the crop file's, else the day of work
+    # Date of sensing; None means that of the crop file, or else the day of work.
     sensed: dt.date | None = None
-    # on the day of work, on the scale of the crop's growth_window
+    # Growth stage on the day of work, on the scale of the crop's growth_window.
     growth: GrowthStage | None = None
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
-    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None  # farmer check
-    response_index: ResponseRule | None = None  # None: the crop file's
+    # NDVI of the farmer check.
+    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None
+    # None means the rule of the crop file.
+    response_index: ResponseRule | None = None
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim: bool = True
-    # ground that an earlier pass has covered gets nothing more
+    # Whether ground that an earlier pass has covered gets no more material.
     no_double: bool = True
-    # of the passes, one for all or a list by pass, the first at the origin; None: nobody has
-    # planned it
+    # Planned speed of the passes: a single speed or a list by pass, the first at the origin; None
+    # for no plan.
     planned_speed_kmh: (
         Kmh | Annotated[tuple[Kmh, ...], Field(min_length=1, max_length=1000)] | None
     ) = None
-    # share of a section's width that is done, or outside, at which it closes: 0: as soon as any
-    # is, 100: once all is
+    # Share of a section's width over done or outside ground at which the section closes, %: 0 for
+    # any share, 100 for the whole width.
     section_overlap_percent: Annotated[float, Field(ge=0, le=100)] = 50.0
     target: Wanted = Wanted()
     nitrogen: Nitrogen = Nitrogen()
@@ -348,15 +371,15 @@ class Job(FrozenModel):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is said of the file though it is right."""
+        """Return warnings about a valid file."""
         if self.strategy is self.strategy.in_force:
             return ()
         return (f"strategy {self.strategy}: works as {self.strategy.in_force}",)
 
     @property
     def named_files(self) -> tuple[str, ...]:
-        """Map, plants, index map, zones and done ground, as the job names them, next to its
-        file."""
+        """Return the files that the job names relative to its own: map, plants, index map, zones
+        and done ground."""
         target = self.target
         return tuple(
             name
@@ -372,7 +395,7 @@ class Job(FrozenModel):
         )
 
     def rename_files(self, place: Callable[[str], str]) -> Job:
-        """The same job, written elsewhere: the files that it names are named anew."""
+        """Return the job with new names of its files, for another folder."""
 
         def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
             return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
@@ -391,8 +414,8 @@ class Job(FrozenModel):
 
 
 def make_rule(crop: Crop, job: Job, days: int | None = None) -> Rule:
-    """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as
-    `prepare_rule` does."""
+    """Return the rule of a job's crop. days: counted growing days, used where the job has none.
+    Raises ValueError as `prepare_rule` does."""
     return prepare_rule(
         crop,
         job.days or days,

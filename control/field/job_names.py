@@ -1,5 +1,6 @@
-"""Whose job it is, where, of what, by whom: names that people give, for screens and sheets.
-They decide nothing."""
+"""Names of a job for screens and sheets: client, farm, field, product, operator. They have no
+effect on control.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ from typing import NamedTuple
 
 
 class JobNames(NamedTuple):
-    """Empty: nobody said so. product_file: of the library, what `product` names."""
+    """Names of a job; an empty name means that none was given. product_file: id in the library
+    of the product `product`."""
 
     client: str = ""
     farm: str = ""

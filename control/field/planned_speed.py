@@ -1,4 +1,4 @@
-"""The speed that the job plans for the pass the machine is on."""
+"""Finds the speed that the job plans for the machine's present pass."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from math import cos, floor, radians, sin
 
 from topdress.control.field.job import Job
 
-# turned farther from the passes' heading, the machine is on none of them
+# Angle from the passes' heading, degrees, beyond which the machine is on no pass.
 ALONG_PASS_DEG = 30.0
 
 
 def find_pass_number(
     job: Job, width_m: float, east_m: float, north_m: float, heading_deg: float
 ) -> int | None:
-    """Counted from 1 at the origin to the right of the passes' heading, by working width; None
-    between passes and beyond the first. Places on the field's plane."""
+    """Return the number of the pass, from 1 at the origin to the right of the passes' heading,
+    by working width; None between passes and before the first. Positions are on the field's plane.
+    """
     along = job.field.pass_heading_deg
     off = (heading_deg - along + 90.0) % 180.0 - 90.0
     across_m = east_m * cos(radians(along)) - north_m * sin(radians(along))
@@ -26,9 +27,12 @@ def find_pass_number(
 def find_planned_mps(
     job: Job, width_m: float, place_m: tuple[float, float] | None, heading_deg: float | None
 ) -> float | None:
-    """Planned speed of the pass at a place, m/s; the last one of a list holds for all passes
-    beyond it. None where nobody has planned one, or where a list is given and the pass is not
-    known: it needs the field's boundary."""
+    """Return the planned speed of the pass at a position, m/s; the last entry of a list applies to
+    all further passes.
+
+    The result is None without a plan, or for a list where the pass is unknown: the pass requires
+    the field's boundary.
+    """
     kmh = job.planned_speed_kmh
     if kmh is None or isinstance(kmh, float | int):
         return None if kmh is None else kmh / 3.6

@@ -1,44 +1,50 @@
-"""What a job amounts to so far: area, product, nitrogen, and how even the rate was over the
-worked area."""
+"""Sums a job: area, product, nitrogen, and the uniformity of the rate over the worked area."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-# of the target; a standing shaft reads up to 1 r/min, some 1 % of it
+# Share of the target from which material counts as arrived; a standing shaft reads up to 1 r/min,
+# some 1 % of it.
 ARRIVED_SHARE = 0.1
-# of the rate histogram behind C_uc; its error is below this over the mean rate
+# Bin width of the rate histogram for C_uc, kg/ha; the error of C_uc is below this over the mean
+# rate.
 _BIN_KG_HA = 0.25
 
 
 class Totals(NamedTuple):
-    """Frozen. Rates are means over worked area; None before any was worked."""
+    """Totals of a job. Rates are means over worked area; None before any area was worked."""
 
-    # worked: open width x way while material left, overlaps included
+    # Worked area, ha: open width times distance while material left, overlaps included.
     area_ha: float
     applied_kg: float
     applied_n_kg: float
-    target_kg: float  # of the area whose target was known
+    # Target mass on the area with a known target, kg.
+    target_kg: float
     worked_s: float
     mean_rate_kg_ha: float | None
-    cv_percent: float | None  # area-weighted standard deviation over the mean
-    # Christiansen's uniformity, paper A, eq 1, weighted by area
+    # Area-weighted standard deviation over the mean, %.
+    cv_percent: float | None
+    # Christiansen's uniformity, %, paper A, eq 1, weighted by area.
     cuc_percent: float | None
-    # applied over target - 1, on the area whose target was known
+    # Applied over target minus 1, %, on the area with a known target.
     error_percent: float | None
-    covered_ha: float | None = None  # each place once, earlier parts of the job too
-    # passed over again, every time; since the console's start
+    # Covered area with each position counted once, including earlier parts of the job, ha.
+    covered_ha: float | None = None
+    # Area that was passed over again, counted every time, since the console's start, ha.
     overlap_ha: float | None = None
-    metres_left_m: float | None = None  # with what the hopper holds, at the present rate
-    doses: int | None = None  # of point mode
+    # Distance for the present mass in the hopper at the present rate, m.
+    metres_left_m: float | None = None
+    # Number of doses of point mode.
+    doses: int | None = None
     doses_missed: int | None = None
-    # of applied_kg: released while commanded to stop, on no area
+    # Part of applied_kg that was released despite a stop command, on no area, kg.
     stopped_kg: float = 0.0
 
 
 class TotalSums(NamedTuple):
-    """All that a totaliser has added up: what a later one needs to go on where it stopped."""
+    """Sums of a totaliser, from which a later totaliser continues."""
 
     worked_s: float = 0.0
     area_ha: float = 0.0
@@ -46,9 +52,11 @@ class TotalSums(NamedTuple):
     kg2_ha: float = 0.0
     known_kg: float = 0.0
     target_kg: float = 0.0
-    bins: tuple[tuple[int, float, float], ...] = ()  # rate bin, ha, kg
-    stopped_kg: float = 0.0  # released while commanded to stop
-    # nitrogen in all of it, whatever the products; None: of the product at hand
+    # Rate bin, area, ha, and mass, kg.
+    bins: tuple[tuple[int, float, float], ...] = ()
+    # Mass released despite a stop command, kg.
+    stopped_kg: float = 0.0
+    # Nitrogen in all products, kg; None means that of the present product.
     n_kg: float | None = None
 
 
@@ -56,28 +64,32 @@ NO_SUMS = TotalSums()
 
 
 class MaterialArrival:
-    """Has material come since work began, or is none wanted? Until then no ground gets any: at
-    a pass's begin the drives take their dead time before anything leaves, and the last of the
-    pass runs out as much later. Way in which nothing leaves yet, counted along with the way in
-    which the last runs out, makes each pass longer than it is."""
+    """Tells whether material has arrived since work began, or none is wanted; no ground counts
+    until then.
+
+    At the start of a pass the drives need their dead time before material leaves, and at its end
+    the last material leaves that much later. If both distances counted, each pass would be too
+    long.
+    """
 
     def __init__(self) -> None:
         self._here = False
 
     def stop_work(self) -> None:
-        """No work goes on."""
+        """End the work."""
         self._here = False
 
     def note_arrival(self, applied_rate_kg_ha: float, target_rate_kg_ha: float | None) -> bool:
-        """Whether a tick of work adds ground; a target of 0, or none, does with nothing applied."""
+        """Tell whether a tick of work adds ground; with a target of 0 or none it does, although
+        nothing is applied."""
         wanted = 0.0 if target_rate_kg_ha is None else target_rate_kg_ha
         self._here = self._here or applied_rate_kg_ha >= ARRIVED_SHARE * wanted
         return self._here
 
 
 class Totaliser:
-    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1.
-    before: to go on from.
+    """Sums a run, with one call a tick. width_m: working width; product_n_fraction: N in the
+    product, 0 to 1. before: sums from which to continue.
 
     Raises ValueError for a width that is not above 0 or a fraction outside 0 to 1.
     """
@@ -104,11 +116,12 @@ class Totaliser:
             n_kg,
         ) = before
         self._other_n_kg = 0.0 if n_kg is None else n_kg - self.applied_kg * product_n_fraction
-        self._bins = {key: (ha, kg) for key, ha, kg in bins}  # rate bin -> (ha, kg)
+        # Maps a rate bin to area, ha, and mass, kg.
+        self._bins = {key: (ha, kg) for key, ha, kg in bins}
 
     @property
     def running_sums(self) -> TotalSums:
-        """What was added up so far, to go on from later."""
+        """Return the present sums, from which a later totaliser continues."""
         return TotalSums(
             self._worked_s,
             self._area_ha,
@@ -129,12 +142,13 @@ class Totaliser:
         target_rate_kg_ha: float | None = None,
         open_share: float = 1.0,
     ) -> bool:
-        """One tick of work. Call it only where work is done (working, speed above the lowest,
-        flow wanted or not), and `rest` where none is. True: it was counted.
+        """Add one tick of work, and tell whether it was counted.
 
-        step_s: time since the last tick, s. open_share: of the working width; the rates are
-        those under it. What is not known, not finite or negative adds nothing, nor does way
-        before material has come (`MaterialArrival`).
+        The method is called only while working (state working, speed above the minimum, flow wanted
+        or not), and `stop_work` otherwise. step_s: time since the last tick, s. open_share: open
+        share of the working width; the rates apply to that width. Values that are unknown, not
+        finite or negative add nothing, nor does distance before the material has arrived
+        (`MaterialArrival`).
         """
         if speed_mps is None or applied_rate_kg_ha is None:
             return False
@@ -157,12 +171,12 @@ class Totaliser:
         return True
 
     def stop_work(self) -> None:
-        """No work goes on in this tick."""
+        """Record a tick without work."""
         self._arrival.stop_work()
 
     def add_stopped(self, kg: float) -> None:
-        """What left the machine while it was commanded to stop: mass that no area and no mean
-        rate answer for. Not finite or negative adds nothing."""
+        """Add mass that left the machine despite a stop command, kg, which belongs to no area
+        and no mean rate. A value that is negative or not finite adds nothing."""
         if 0.0 < kg < math.inf:
             self._stopped_kg += kg
 
@@ -172,17 +186,18 @@ class Totaliser:
 
     @property
     def applied_kg(self) -> float:
-        """All that left the machine, what was released while commanded to stop included."""
+        """Return the mass that left the machine, kg, including mass released despite a stop
+        command."""
         return self._kg + self._stopped_kg
 
     @property
     def applied_n_kg(self) -> float:
-        """Nitrogen in it. `_other_n_kg`: what products of earlier parts had more of it than
-        this one."""
+        """Return the applied nitrogen, kg. `_other_n_kg`: additional nitrogen of the products of
+        earlier parts."""
         return max(0.0, self.applied_kg * self._n_fraction + self._other_n_kg)
 
     def make_totals(self) -> Totals:
-        """The totals so far; cheap enough for a few times a second."""
+        """Return the present totals; the call is fast enough for a few times a second."""
         mean = self._kg / self._area_ha if self._area_ha > 0.0 else None
         cv = cuc = None
         if mean is not None and mean > 0.0:

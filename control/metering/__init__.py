@@ -1,5 +1,5 @@
-"""Which shaft speed and opening give a wanted flow? The inverse of the machine model,
-strategies, trims.
+"""Finds shaft speed and opening for a wanted flow: the inverse of the machine model, strategies,
+trims.
 
 Files:
 

@@ -222,30 +222,35 @@ class FlowTrim:
             MAX_FLOW_FACTOR * most_kg_s * BLOCK_S,
         )
         self._scale_kg2, self._correlation_s = max(MIN_SCALE_NOISE_KG, scale_kg) ** 2, correlation_s
-        # as if blocks were independent
+        # Variance of a block's mean, kg2, for independent blocks.
         self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)
         self._gain_percent = limits.gain_percent
-        self._noise = INITIAL_NOISE  # times the file's variance
-        self._judged = 0  # blocks that spoke of the noise
-        # variance of what sways, and of the steps from one weighing to the next
+        # Factor on the file's variance.
+        self._noise = INITIAL_NOISE
+        # Number of blocks from which the noise was learnt.
+        self._judged = 0
+        # Variance of the sway, variance of the steps between weighings, kg2, and the weight of the
+        # latter.
         self._sway_kg2, self._step_kg2, self._steps = 0.0, INITIAL_STEP_KG2, INITIAL_STEPS
-        # second differences by their lag: mean of their squares beyond the file's, and of how many
+        # Second differences by their lag: mean square beyond the file's noise, kg2, and number.
         self._bends = {SWAY_LAG: (0.0, 0), NOISE_LAG: (0.0, 0)}
         self._number = 0
         self._refill_percent: float | None = None
         self._sums = 0.0, 0.0, 0.0
         self._block: list[tuple[tuple[float, float, float], float, tuple[float, float]]] = []
         self._since_s = 0.0
-        # the newest weighing, what it is made of, and what had gone by the model
+        # Newest weighing, kg, its inputs, and the mass that had left by the model, kg.
         self._last: tuple[float, Vector, float] | None = None
         self._weighed_s: float | None = None
-        # the last step of the scale in this rest, kg, and what was known before it
+        # Last step of the scale in this rest, kg, and the covariance before the step.
         self._stepped: tuple[float, Matrix] | None = None
-        self._filled_kg = 0.0  # ordered in this rest
+        # Ordered refills of this rest, kg.
+        self._filled_kg = 0.0
         # Lowest scale reading of this rest, kg, and the inputs from which it was calculated.
         self._lowest: tuple[float, Vector] | None = None
         self._unordered_kg = self._taken_kg = 0.0
-        self.grams_per_rev, self.pitch_deg = 100.0, 0.0  # of the newest tick
+        # Values of the newest tick.
+        self.grams_per_rev, self.pitch_deg = 100.0, 0.0
         self.reset_calibration()
 
     def reset_calibration(self) -> None:
@@ -274,11 +279,12 @@ class FlowTrim:
                 for k, sd in enumerate(sds)
             ]
         )
-        # of the state, without the level: as far as it is believed
+        # Trim of each effect of the state, as far as the evidence supports it.
         self._trimmed: Vector = NO_TRIM
-        self._value: float | None = None  # asked twice a tick
+        # Cached factor, because a tick needs it twice.
+        self._value: float | None = None
         self._said = NO_SCALE_FINDING
-        # the trim, while what the scale says is no trim, or not decided
+        # Whether the trim is suspended, because the scale's finding is no trim or is undecided.
         self._rests = False
         self.restart_level()
 
@@ -327,24 +333,26 @@ class FlowTrim:
         have changed too."""
         self._block.clear()
         self._blocks: deque[_Block] = deque(maxlen=WINDOW_BLOCKS[-1] + 1)
-        # of them, those with flow; since it changed, if it did
+        # Blocks with flow since the last change.
         self._flow: deque[_Block] = deque(maxlen=WINDOW_BLOCKS[-1])
-        self._standing_kg: deque[float] = deque(maxlen=STANDING_BLOCKS)  # since it stands
-        # blocks of flow in a row in which the drive worked as it should; the one before it began
-        # to work harder
+        # Readings at rest, kg.
+        self._standing_kg: deque[float] = deque(maxlen=STANDING_BLOCKS)
+        # Number of consecutive blocks of flow with normal effort, and the block before the effort
+        # rose.
         self._easy_blocks = 0
         self._easy: _Block | None = None
-        # the last one before material left that nobody ordered
+        # Last block before unordered material left.
         self._left: _Block | None = None
         self._unordered_kg = self._taken_kg = 0.0
-        self._quiet = 0  # blocks in which nothing more left
+        # Number of blocks without a further loss.
+        self._quiet = 0
         self._spread = _replace_level(self._spread, (self._limits.level_kg**2, *NO_TRIM[GAIN:]))
         if another_lot:
             self._spread = _widen_gain(self._spread, self._limits.another_lot_percent)
 
     def set_catch_test_age(self, age_days: float) -> None:
-        """Sets the age of the product's catch test before work begins: with a fresh test the
-        model is trusted more than the scale."""
+        """Sets the age of the product's catch test, days, before work begins: after a recent
+        test the model has more weight than the scale."""
         self._gain_percent = min(
             self._limits.gain_percent,
             sqrt(CATCH_TEST_PERCENT**2 + CATCH_TEST_DRIFT_PERCENT**2 * max(0.0, age_days)),
@@ -358,8 +366,8 @@ class FlowTrim:
             self._said = NO_SCALE_FINDING
 
     def record_refill(self, kg: float) -> None:
-        """Takes note of an ordered refill. Where the scale rises by another amount before work
-        resumes, its gain is wrong."""
+        """Stores an ordered refill, kg. If the scale rises by another amount before work
+        resumes, the scale's gain is wrong."""
         self._filled_kg += kg
         self.restart_level(another_lot=True)
 
@@ -379,15 +387,15 @@ class FlowTrim:
         scale: Reading | None,
         labours: bool = False,
     ) -> None:
-        """Takes the readings of one tick.
+        """Updates the filter with the readings of one tick.
 
         Parameters
         ----------
-        now_s, dt_s : present time and time since the last tick, s.
-        model_flow_kg_s : flow from measured shaft and opening, without this trim.
-        shaft_rpm, pitch_deg : measured shaft speed, r/min, and pitch, degrees.
-        scale : newest weighing, kg; None: no scale.
-        labours : whether the metering drive works harder than it should."""
+        now_s, dt_s : present time and time since the last tick, s. model_flow_kg_s : flow from
+        measured shaft and opening, without this trim, kg/s. shaft_rpm, pitch_deg : measured shaft
+        speed, r/min, and pitch, degrees. scale : newest weighing, kg; None means no scale. labours
+        : whether the metering drive's effort is too high.
+        """
         self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
             self.grams_per_rev = max(MIN_GRAMS_PER_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
@@ -422,8 +430,8 @@ class FlowTrim:
         now: tuple[float, Vector, float],
         elapsed_s: float,
     ) -> None:
-        """Judges the step between two weighings: the hopper was filled, stepped on or unloaded,
-        where it is larger than the scale's noise and any flow."""
+        """Judges the step between two weighings that exceeds the scale's noise and any flow: a
+        refill, a person on the hopper, or an unloaded hopper."""
         rise_kg, unknown_kg2 = self._calc_rise(before[:2], now[:2])
         usual_kg = max(REFILL_KG, CHANGE_SD * sqrt(self._step_kg2))
         usual_kg += CHANGE_SD * sqrt(unknown_kg2)
@@ -431,7 +439,7 @@ class FlowTrim:
             stepped, self._stepped = self._stepped, (rise_kg, self._spread)
             back = stepped is not None and abs(rise_kg + stepped[0]) < usual_kg
             if stepped is not None and back:
-                # A person who stepped up has stepped down: there is no new lot.
+                # A person who stepped up has stepped down, so there is no new lot.
                 self._spread, self._stepped = stepped[1], None
             self.restart_level(another_lot=rise_kg > 0.0 and not back)
             return
@@ -439,8 +447,7 @@ class FlowTrim:
         self._steps = min(MAX_STEPS, self._steps + 1.0)
         self._step_kg2 += (more_kg**2 - self._step_kg2) / self._steps
 
-    # -- blocks
-    # ----------------------------------------------------------------------------------------------
+    # The following methods process blocks.
 
     def _take_block(self, labours: bool) -> None:
         sums = _average_columns([sums for sums, _, _ in self._block])
@@ -488,7 +495,8 @@ class FlowTrim:
             self._judge_standstill()
 
     def _note_lowest(self, kg: float, reads: Vector, begins: bool) -> None:
-        """Keeps the lowest reading of this rest. begins: it begins with this block."""
+        """Stores the lowest reading of this rest. begins: whether the rest begins with this
+        block."""
         lowest = self._lowest
         if begins or lowest is None or self._calc_rise(lowest, (kg, reads))[0] < 0.0:
             self._lowest = kg, reads
@@ -511,8 +519,8 @@ class FlowTrim:
         self._blocks.append(_Block(sums, kg, reads, flows, labours, *state))
 
     def _note_sway(self) -> None:
-        """Learns the sway from the second differences of the readings, in which no flow shows:
-        what exceeds the file's noise and chance is sway."""
+        """Learns the sway from second differences of the readings, which a constant flow does
+        not affect: the part beyond the file's noise and chance is sway."""
         newest = list(islice(reversed(self._blocks), 2 * SWAY_LAG + 1))
         for lag, (mean_kg2, count) in self._bends.items():
             bent = newest[: 2 * lag + 1]
@@ -664,8 +672,7 @@ class FlowTrim:
             )
         self._filled_kg, self._lowest = 0.0, None
 
-    # -- the watch
-    # ----------------------------------------------------------------------------------------------
+    # The following methods watch for changes.
 
     def _calc_mean_kg2(self, blocks: int) -> float:
         """Returns the variance of the scale's mean over so many blocks, kg2."""
@@ -741,7 +748,7 @@ class FlowTrim:
             self._judge_leak(self._left)
 
     def _judge_leak(self, since: _Block) -> None:
-        """Follows a leak: material leaves that nobody ordered, or has left."""
+        """Follows a leak: unordered material leaves or has left."""
         kg, sd = self._find_excess(since, min(LEAK_END_BLOCKS // 2, len(self._blocks) - 1))
         self._quiet = 0 if kg > self._unordered_kg + sd else self._quiet + 1
         self._unordered_kg = max(self._unordered_kg, kg)
@@ -827,8 +834,8 @@ class FlowTrim:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
     def _note_effort(self) -> None:
-        """Keeps the block in which the drive began to work harder after some time of normal
-        effort."""
+        """Stores the block before which the effort was normal for some time and after which it
+        is too high."""
         if not self._blocks[-1].labours:
             self._easy_blocks += 1
             if self._easy_blocks >= EASY_EFFORT_BLOCKS:
@@ -839,8 +846,8 @@ class FlowTrim:
         self._easy_blocks = 0
 
     def _find_blockage(self) -> ScaleFinding | None:
-        """Returns the closed outlets that two witnesses confirm: the drive works harder, as
-        granules packed before a closed outlet make it do, and since then less leaves."""
+        """Returns the closed outlets that two independent signs confirm: the effort rises, as
+        with granules packed before a closed outlet, and since then less material leaves."""
         since = self._easy
         if since is None:
             return None
@@ -865,9 +872,12 @@ class FlowTrim:
         return ScaleFinding(outlets=silent, of_outlets=self._outlets)
 
     def _explain_fall(self, fall: float, sd: float) -> ScaleFinding | None:
-        """Returns the finding for a flow that fell at once by such a share, no more than a few
-        outlets less; None where it may be trimmed. Unless closed outlets are already known, the
-        cause may also be another lot, or a wrong reading of gate or shaft."""
+        """Returns the finding for a sudden fall of the flow by a share of a few outlets; None where
+        the fall may be trimmed.
+
+        Unless closed outlets are known already, the cause may also be another lot, or a wrong
+        reading of gate or shaft.
+        """
         most, lost, few = self._limits.most_percent, fall * self._outlets, self._closable_outlets
         if self._said.outlets and 100.0 * fall > most:
             sure = abs(lost - self._said.outlets) < 0.75

@@ -1,5 +1,6 @@
-"""Which set-points give this flow? The machine model solved for its set-points, effects
-included."""
+"""Which set-points give this flow? The module solves the machine model for its set-points,
+effects included.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +16,13 @@ from topdress.control.machine.terms import TermTarget
 FLOW_TARGETS = (TermTarget.FLOW_PERCENT, TermTarget.FLOW_KG_MIN)
 SHAFT_TARGETS = (TermTarget.SHAFT_PERCENT, TermTarget.SHAFT_RPM)
 GATE_TARGETS = (TermTarget.GATE_MM,)
-# Greatest number of iterations with terms in the model.
+# Maximum number of iterations with terms in the model.
 MAX_ROUNDS = 20
 # An iteration ends within this step, mm and r/min.
 TOLERANCE_MM, TOLERANCE_RPM = 1e-4, 1e-4
-# Least share of the flow that is divided by: with every outlet blocked no opening is wide enough.
+# Minimum share of the flow for a division: with every outlet blocked no opening is wide enough.
 MIN_FLOW_SHARE = 1e-3
-# Least share of a drive's command or of the flow that known errors are assumed to leave.
+# Minimum share of a drive's command or of the flow that remains after known errors.
 MIN_REMAINING_SHARE = 0.2
 
 
@@ -33,11 +34,11 @@ class Conditions(NamedTuple):
     pitch_deg: float = 0.0
     supply_v: float | None = None
     refilled: bool = False
-    # This factor is the scale's correction of the flow model.
+    # The scale's correction factor of the flow model.
     flow_trim: float = 1.0
-    # These are the terms of the machine file that control knows.
+    # Terms of the machine file that control can evaluate.
     terms: StandingTerms | None = None
-    # This is `calc_conditions_factor` these conditions, where it is calculated once for many
+    # Value of `calc_conditions_factor` for these conditions, where it is calculated once for many
     # set-points.
     common: float | None = None
 
@@ -45,14 +46,15 @@ class Conditions(NamedTuple):
 def calc_conditions_factor(
     p: Flow, elapsed_s: float, hopper_kg: float | None, pitch_deg: float, refilled: bool
 ) -> float:
-    """Returns the factor on every flow whatever the set-points are, without the scale's
-    correction."""
+    """Returns the factor on every flow that is independent of the set-points, without the
+    scale's correction."""
     full = 1.0 if hopper_kg is None else min(1.0, max(0.0, hopper_kg / p.full_kg))
     return calc_common_factor(p, full, elapsed_s, pitch_deg, 0.0, refilled)
 
 
 def calc_standing_factor(p: Flow, c: Conditions) -> float:
-    """Returns the factor on every flow whatever the set-points are, with the scale's correction."""
+    """Returns the factor on every flow that is independent of the set-points, with the scale's
+    correction."""
     common = c.common
     if common is None:
         common = calc_conditions_factor(p, c.elapsed_s, c.hopper_kg, c.pitch_deg, c.refilled)
@@ -100,8 +102,8 @@ def find_opening_mm(
 def _find_opening_with_terms(
     machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions, terms: StandingTerms
 ) -> float:
-    """Returns the same with terms that act on the flow: they are inserted anew until the opening
-    stands still."""
+    """Returns the opening with terms that affect the flow, mm: the terms are evaluated again
+    until the opening converges."""
     bare, limits = c._replace(terms=None), machine.limits
     opening = find_opening_mm(machine, wanted_kg_s, shaft_rpm, bare)
     for _ in range(MAX_ROUNDS):

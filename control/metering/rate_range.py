@@ -12,19 +12,20 @@ from topdress.control.readings import RangeBreach
 from .inverse import Conditions, calc_flow_kg_s, calc_lowest_flow_kg_s
 from .strategies import ROUND_UP_SHARE, Pair
 
+# The factor converts kg/m2 to kg/ha.
 # Square metres of a hectare.
 M2_PER_HA = 10_000.0
 
 
 class RateRange(NamedTuple):
-    """Lowest and highest rate at one ground speed, kg/ha."""
+    """Holds the lowest and highest rate at one ground speed, kg/ha."""
 
     low_kg_ha: float
     high_kg_ha: float
 
 
 class SpeedRange(NamedTuple):
-    """Slowest and fastest ground speed at one rate, m/s."""
+    """Holds the slowest and fastest ground speed at one rate, m/s."""
 
     low_mps: float
     high_mps: float
@@ -39,7 +40,7 @@ def _find_flow_range_kg_s(machine: Machine, c: Conditions) -> tuple[float, float
 def find_rate_range(
     machine: Machine, speed_mps: float, width_m: float, c: Conditions = Conditions()
 ) -> RateRange:
-    """Lowest and highest rate that the limits of the drives allow.
+    """Returns the lowest and highest rate that the limits of the drives allow.
 
     Parameters
     ----------
@@ -48,9 +49,9 @@ def find_rate_range(
     speed_mps
         Ground speed, m/s, above 0.
     width_m
-        Width that is spread, m, above 0: less than the working width where sections are closed.
+        Spread width, m, above 0: less than the working width where sections are closed.
     c
-        What the flow depends on in addition to the two set-points.
+        Conditions of the flow besides the two set-points.
     """
     low, high = (
         M2_PER_HA * flow / (width_m * speed_mps) for flow in _find_flow_range_kg_s(machine, c)
@@ -68,9 +69,10 @@ def find_least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
 def find_speed_range(
     machine: Machine, rate_kg_ha: float, width_m: float, c: Conditions = Conditions()
 ) -> SpeedRange:
-    """Slowest and fastest ground speed at which the machine gives `rate_kg_ha`, above 0.
+    """Returns the slowest and fastest ground speed at which the machine can give `rate_kg_ha`,
+    above 0.
 
-    Parameters are those of `find_rate_range`.
+    The parameters are those of `find_rate_range`.
     """
     low, high = (
         M2_PER_HA * flow / (width_m * rate_kg_ha) for flow in _find_flow_range_kg_s(machine, c)
@@ -81,20 +83,21 @@ def find_speed_range(
 def find_breach(
     machine: Machine, pair: Pair, rate_kg_ha: float, speed_mps: float, width_m: float, c: Conditions
 ) -> RangeBreach | None:
-    """Returns what the machine spreads in place of a rate beyond its range.
+    """Returns the rate that the machine spreads in place of a rate beyond its range.
 
     Parameters
     ----------
     pair
-        What the drives are to do, with the limit that it met (`Pair.limited`).
+        Planned positions of the drives, with the limit that was met (`Pair.limited`).
     rate_kg_ha
         The wanted rate.
     machine, speed_mps, width_m, c
-        As of `find_rate_range`.
+        As for `find_rate_range`.
 
     Returns
     -------
-    None where the rate is within the range, or the machine or its outlets are at rest.
+    RangeBreach or None
+        None where the rate is within the range, or the machine or its outlets are at rest.
     """
     if not pair.limited or min(rate_kg_ha, speed_mps, width_m) <= 0.0:
         return None

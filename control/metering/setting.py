@@ -82,7 +82,7 @@ class PairPlanner:
         self._drawn_out_share = (
             1.0 - machine.fall.carried_share if machine.tube_is_settled else DEFAULT_DRAWN_OUT_SHARE
         )
-        # The pair last commanded; None: the shaft stands.
+        # Pair of the last command; None for a standing shaft.
         self._last: Pair | None = None
         self._drawn_rpm: float | None = None
         self._before: Strategy | None = None
@@ -109,16 +109,15 @@ class PairPlanner:
         c: Conditions,
         left: UncorrectedError = NO_ERROR,
     ) -> Pair:
-        """Returns true shaft speed and opening to aim at, without small moves.
+        """Returns the true shaft speed and opening to aim at, without small moves.
 
         Parameters
         ----------
-        rate_kg_ha : for the material that is released now.
-        mps_in : ground speed expected so many seconds from now, m/s.
-        now_s, dt_s : present time and time since the last tick, s.
-        opening_now_mm : expected present opening, mm.
-        c : what the flow depends on in addition.
-        left : errors of the drives by their readings."""
+        rate_kg_ha : rate for the material that is released now. mps_in : returns the ground speed
+        expected a number of seconds from now, m/s. now_s, dt_s : present time and time since the
+        last tick, s. opening_now_mm : expected present opening, mm. c : conditions of the flow.
+        left : errors of the drives by their readings.
+        """
         self.left = left
         machine, fall = self.machine, self.machine.fall
         shaft_moves = self._last is None or self.is_shaft_metering
@@ -158,7 +157,7 @@ class PairPlanner:
         )
 
     def record_command(self, pair: Pair) -> None:
-        """Takes the pair that was commanded in this tick; a shaft speed of 0 stopped the flow."""
+        """Stores the pair that was commanded in this tick; a shaft speed of 0 stopped the flow."""
         self._last = pair if pair.shaft_rpm > 0.0 else None
         if self._last is None:
             self._drawn_rpm = None
@@ -228,11 +227,12 @@ class PairPlanner:
         )
 
     def record_rate_change(self, before_kg_ha: float, after_kg_ha: float) -> None:
-        """Takes note of a change of the rate: where the gate makes it, the opening changes too."""
+        """Records a change of the rate: where the gate makes the change, the opening changes
+        too."""
         self._at_mm = self.find_gate_change_mm(before_kg_ha, after_kg_ha) or self._at_mm
 
     def return_opening(self, dt_s: float) -> None:
-        """Returns the opening of speed first slowly to its set-point."""
+        """Returns the opening of speed first gradually to its set-point."""
         wanted, most = self.machine.set_points.opening_mm, RETURN_SHARE_PER_S * dt_s * self._at_mm
         self._at_mm += min(most, max(-most, wanted - self._at_mm))
 

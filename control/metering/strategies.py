@@ -97,16 +97,15 @@ def find_pair(
     left: UncorrectedError = NO_ERROR,
 ) -> Pair:
     """Returns the pair that gives `wanted_kg_s` within the limits of the drives. Below half the
-    smallest flow it gives zero, between that and the smallest flow the smallest.
+    smallest flow the pair is zero, between that and the smallest flow it is the smallest.
 
     Parameters
     ----------
-    machine, strategy : the machine model and the strategy.
-    wanted_kg_s : flow, kg/s.
-    opening_now_mm : present opening, mm: at zero rate the shaft stops and the gate stays there.
-    c : what the flow depends on in addition.
-    at_mm : opening of speed first, mm; None: the machine's set-point.
-    left : errors of the drives, which the moving drive compensates."""
+    machine, strategy : the machine model and the strategy. wanted_kg_s : flow, kg/s. opening_now_mm
+    : present opening, mm: at zero rate the shaft stops and the gate stays there. c : conditions of
+    the flow. at_mm : opening of speed first, mm; None means the machine's set-point. left : errors
+    of the drives, which the moving drive compensates.
+    """
     limits = machine.limits
     lowest = calc_lowest_flow_kg_s(machine, c)
     if not wanted_kg_s > ROUND_UP_SHARE * lowest:

@@ -17,11 +17,11 @@ class TrimLimits:
     tau_s: float = 5.0
     # Greatest trim of the shaft, as a share of the command.
     shaft_share: float = 0.10
-    # Beyond this error, as a share, the shaft is jammed and nothing is learnt (anti-windup).
+    # Relative error beyond which the shaft is jammed and the integrator stops (anti-windup).
     jammed_share: float = 0.30
     # Greatest trim of the gate, mm.
     gate_mm: float = 2.0
-    # The expected value must have stood still for this long, s.
+    # Minimum time without a change of the expected value, s.
     settled_s: float = 0.6
     # Time constant of the filter `find_uncorrected`, s: it reduces the encoder's noise of 0.3
     # r/min to 0.05.
@@ -32,7 +32,7 @@ class UncorrectedError(NamedTuple):
     """Holds the errors of the drives against their expected values, trims included, as far as
     they are to be compensated."""
 
-    # This is a share of the expected speed.
+    # Error as a share of the expected speed.
     shaft_share: float = 0.0
     gate_mm: float = 0.0
 
@@ -51,9 +51,9 @@ class DriveTrim:
         # stands still.
         self._left = NO_ERROR
         self._limits = limits
-        # Below this change the expected value stands still.
+        # Maximum change of an expected value that counts as constant.
         self._still = still
-        # Expected value, and the time since when it stands still, s.
+        # Expected value, and the time since which it is constant, s.
         self._shaft: tuple[float, float] = (0.0, -1e9)
         self._gate: tuple[float, float] = (0.0, -1e9)
 

@@ -1,10 +1,9 @@
-"""What is wrong with recorded data, and how is it repaired safely? One home for readers of every
-kind.
+"""Finds errors in recorded data and repairs them safely, for readers of every kind.
 
-A log of ours, a log of another program, what a notebook hands over and a bench table are all
-mended by the same rules: `times` (units, order, repeats), `values` (what no machine reads,
-sentinels, ranges, readings held), `speeds` (units), `places`, and `mended`, which asks them in
-their order. A `finding` says what was odd and what was done about it.
+A log of topdress, a log of another program, data from a notebook and a bench table are repaired by
+the same rules: `times` (units, order, repeats), `values` (unreadable numbers, sentinels, ranges,
+repeated readings), `speeds` (units), `places`, and `mended`, which applies them in order. A
+`finding` reports each anomaly and its repair.
 
 Files:
 

@@ -1,17 +1,17 @@
-"""May material flow? States, interlocks, alarms, and the last gate before the drives. Pure; see
-docs/safety.md.
+"""Decides whether material may flow: states, interlocks, alarms, and the last check before the
+drives. Pure; see docs/safety.md.
 
 Files:
 
-- `alarm_conditions`: Which alarms have their cause at this tick?
-- `alarms`: Which alarms exist, and how do they live?
+- `alarm_conditions`: Which alarms have their cause in this tick?
+- `alarms`: Which alarms exist, and what is their life cycle?
 - `drive_gate`: Which command may be sent to a drive?
-- `interlocks`: What forbids flow at this tick?
+- `interlocks`: What forbids flow in this tick?
 - `limits`: Which time-outs and thresholds do the safety rules use?
-- `memory`: What does safety remember from one tick to the next?
+- `memory`: What does safety remember between ticks?
 - `motion`: Has the machine started, since when does it stand, and does it reverse?
 - `order_handlers`: What does each of the operator's orders to safety need, and why is it refused?
-- `sensor_validity`: Which sensors can be trusted at this tick?
+- `sensor_validity`: Which sensors can be trusted in this tick?
 - `standstill_monitor`: Do shaft, gate and valves stand while they are commanded to?
 - `watchdog`: In which state is the machine, and may material flow?
 - `words`: Which values does safety exchange with the loop?

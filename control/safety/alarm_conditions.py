@@ -1,5 +1,6 @@
-"""Which alarms have their cause at this tick? The table of losses, one function for each group
-of rows."""
+"""Which alarms have their cause in this tick? The module is the table of losses, with a function
+for each group of rows.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from topdress.control.safety.words import Details, Situation
 from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 _SENSOR_STATES = (State.READY, State.WORKING, State.HELD, State.FAULT)
-# Share of its limit down to which a reported trim stays reported.
+# Share of its limit down to which a reported trim remains reported.
 TRIM_HYSTERESIS = 0.7
 _WORK_STATES = (State.READY, State.WORKING, State.HELD)
 _UNKNOWN = "?"
@@ -75,7 +76,8 @@ def find_causes(
 def _find_standstill_causes(
     found: dict[str, Details], s: Situation, seen: ValidReadings, stand: StandstillWatch
 ) -> None:
-    """Finds drives that do not stand, in every state, also off: a command to stand is no proof."""
+    """Finds drives that do not stand, in every state, also off, because a stop command is no
+    proof of a standstill."""
     if stand.shaft.turns:
         found["shaft_turns"] = (
             ("shaft_rpm", _round_known(seen.shaft_rpm)),
@@ -100,8 +102,8 @@ def _find_drive_causes(
     seen: ValidReadings,
     limits: SafetyLimits,
 ) -> None:
-    """Finds silent or failing drives. A drive that was never heard has `drive_silent_s` after
-    off is left."""
+    """Finds silent or failing drives. A drive without any reading yet has `drive_silent_s` after
+    leaving off."""
     waited = now_s - m.left_off_s > limits.drive_silent_s
     if not seen.is_shaft_heard and (waited or s.measurements.shaft_rpm is not None):
         found["shaft_silent"] = ()
@@ -132,8 +134,8 @@ def _find_sensor_causes(
     scale_heard: bool,
     limits: SafetyLimits,
 ) -> None:
-    """Finds silent sensors. A sensor that was never heard has its time after off is left, as the
-    drives have."""
+    """Finds silent sensors. A sensor without any reading yet has its time after leaving off, as
+    the drives have."""
     on_s = now_s - m.left_off_s
     if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
         found["gnss_silent"] = ()
@@ -163,7 +165,8 @@ def _find_sensor_causes(
 def _find_speed_causes(
     found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyLimits
 ) -> None:
-    """Finds contradicting speeds: once it is known which is wrong, else after `speeds_differ_s`."""
+    """Finds contradicting speeds: immediately if the wrong sensor is known, otherwise after
+    `speeds_differ_s`."""
     if doubt is None:
         return
     read = (
@@ -236,7 +239,7 @@ def _find_rate_causes(
 def _find_range_causes(
     found: dict[str, Details], m: Memory, now_s: float, s: Situation, limits: SafetyLimits
 ) -> None:
-    """Finds a rate beyond the machine's range, and names the speed that helps."""
+    """Finds a rate beyond the machine's range, and adds the speed at which the rate is possible."""
     breach = s.range_breach
     if breach is None or not has_lasted(m.beyond_range_since_s, now_s, limits.beyond_range_s):
         return
@@ -276,8 +279,8 @@ def _find_hopper_empty(
     hopper: HopperWatch,
     limits: SafetyLimits,
 ) -> None:
-    """Finds an empty hopper at work; the alarm stays until the hopper is filled, because holding
-    fills none."""
+    """Finds an empty hopper at work; the alarm remains until a refill, because a hold does not
+    fill the hopper."""
     asked = m.state is State.WORKING or any(one.alarm.id == "hopper_empty" for one in m.live)
     if asked and has_lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
         found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
@@ -305,7 +308,7 @@ def _find_scale_causes(
 
 
 def _find_effort_causes(found: dict[str, Details], m: Memory, says: EffortFinding) -> None:
-    """Finds a wrong effort at work; the alarm stays until the drive turns again."""
+    """Finds a wrong effort at work; the alarm remains until the drive turns again."""
     if m.state not in _WORK_STATES:
         return
     if says.harder_percent > 0.0:
@@ -325,10 +328,11 @@ def _round_to_tens(metres: float | None) -> str | float:
 def are_speeds_silent(
     now_s: float, s: Situation, seen: ValidReadings, motion: Motion, limits: SafetyLimits
 ) -> bool:
-    """Returns whether both speeds are silent for `speed_silent_s`: none is in use for so long,
+    """Returns whether both speeds are silent for `speed_silent_s`: no speed was used for this time,
     or the newest is older.
 
-    A wheel that stands is not silent while it reads 0."""
+    A standing wheel is not silent while it reads 0.
+    """
     if has_lasted(motion.speed_lost_since_s, now_s, limits.speed_silent_s):
         return True
     heard_s = seen.speed_heard_s

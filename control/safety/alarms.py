@@ -1,4 +1,4 @@
-"""Which alarms exist, and how do they live? Raised, latched, acknowledged, gone."""
+"""Which alarms exist, and what is their life cycle? Raised, latched, acknowledged, ended."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class AlarmKind(NamedTuple):
     severity: Severity
     text: str
     todo: str
-    # Where the operator looks for the cause.
+    # Place where the operator finds the cause.
     place: str
-    # The state that it causes; None: none.
+    # State that the alarm causes; None for no change of state.
     leads_to: State | None = None
 
 
@@ -558,8 +558,9 @@ def update_alarms(
 ) -> tuple[LiveAlarm, ...]:
     """Returns the live alarms after this tick, worst first.
 
-    An alarm ends when its cause has been away for `clear_s`, a red one only once it is also
-    acknowledged."""
+    An alarm ends when its cause has been absent for `clear_s`; a red alarm also needs an
+    acknowledgement.
+    """
     if not live and not troubles:
         return live
     kept = []
@@ -596,7 +597,7 @@ def acknowledge_alarms(live: tuple[LiveAlarm, ...], alarm_id: str) -> tuple[Live
 
 
 def find_unacknowledged_red(live: tuple[LiveAlarm, ...]) -> str | None:
-    """Returns the id of the worst red alarm that nobody has acknowledged, or None."""
+    """Returns the id of the worst red alarm without acknowledgement, or None."""
     return next(
         (e.alarm.id for e in live if e.alarm.severity is Severity.RED and not e.alarm.acknowledged),
         None,

@@ -1,5 +1,6 @@
-"""Which command may be sent to a drive? The last gate: only finite numbers inside the limits
-pass."""
+"""Which command may be sent to a drive? The last check: only finite numbers inside the limits
+pass.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from math import isfinite
 from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.safety.limits import DriveLimits
 
-# Greatest angle of a dose, degrees.
+# Maximum angle of a dose, degrees.
 MAX_DOSE_DEG = 3600.0
 
 

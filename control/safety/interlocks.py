@@ -1,5 +1,6 @@
-"""What forbids flow at this tick? Every condition is written so that an unknown value or a NaN
-forbids."""
+"""What forbids flow in this tick? Every condition is written so that an unknown value or a NaN
+forbids flow.
+"""
 
 from __future__ import annotations
 
@@ -53,10 +54,11 @@ def find_interlocks(
     below_range: bool,
     limits: SafetyLimits,
 ) -> tuple[str, ...]:
-    """Returns the ids of the interlocks that forbid flow in `state`; empty: flow is allowed.
+    """Returns the ids of the interlocks that forbid flow in `state`; an empty result allows flow.
 
-    `below_range`: less has been wanted than the machine can give (the alarm). Calibrating has
-    its own rules in place of the speed, field and target interlocks."""
+    `below_range`: whether the alarm for a rate below the machine's range is live. Calibrating has
+    its own rules in place of the speed, field and target interlocks.
+    """
     drives = () if seen.is_shaft_heard and seen.is_gate_heard else ("drive_silent",)
     switch_up = s.measurements.work_switch is False or (
         has_work_switch and s.measurements.work_switch is None
@@ -77,7 +79,8 @@ def find_interlocks(
 
 
 def _is_shaft_resting(s: Situation) -> bool:
-    """Returns whether the wanted rate is so far below the machine's range that its shaft rests."""
+    """Returns whether the wanted rate is so far below the machine's range that its shaft is
+    stopped."""
     return s.range_breach is not None and s.range_breach.given_kg_ha <= 0.0
 
 
@@ -97,8 +100,8 @@ def _check_speed(
 
 
 def _name_missing_speed(s: Situation, seen: ValidReadings, limits: SafetyLimits) -> str:
-    """Returns the interlock of a machine that is fast enough by the speed in use but does not
-    start."""
+    """Returns the interlock of a machine whose used speed is sufficient but which has not
+    started."""
     if not limits.both_speeds_to_start or s.speed_doubt is not None:
         return "low_speed"
     if seen.wheel_speed_mps is None:

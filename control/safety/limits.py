@@ -13,15 +13,16 @@ from math import isfinite
 class SafetyLimits:
     """Holds the limits at which flow stops, the state changes or an alarm is raised.
 
-    Raises ValueError, one line naming key, value and what is allowed, when a value is not a
-    finite number of at least zero or a pair is the wrong way round."""
+    Raises ValueError, one line with key, value and allowed values, when a value is not a finite
+    number of at least zero or a pair is in the wrong order.
+    """
 
-    # Speed and movement. Flow starts at or above the first speed, and stops below the second; a
-    # sensor moves at or above the second.
+    # Flow starts at or above the first speed, m/s, and stops below the second; a sensor counts as
+    # moving at or above the second.
     start_speed_mps: float = 0.5
     stop_speed_mps: float = 0.3
-    # GNSS and wheel must both move (to calibrate: both stand); False only where one of them is
-    # not fitted.
+    # Whether GNSS and wheel must both move (to calibrate: both stand); False only where one of them
+    # is not fitted.
     both_speeds_to_start: bool = True
     # With START held, flow begins from this speed on by both sensors.
     launch_speed_mps: float = 0.1
@@ -43,13 +44,15 @@ class SafetyLimits:
     wheel_fault_s: float = 0.5
     # Work without a wheel needs ten GNSS epochs a second.
     gnss_alone_period_s: float = 0.12
-    # An undecided contradiction of wheel and GNSS leads to held; wheels spin for 1 to 4 s.
+    # Time after which an undecided contradiction of wheel and GNSS leads to held, s; wheels spin
+    # for 1 to 4 s.
     speeds_differ_s: float = 6.0
-    # A larger change of course across a standstill means reversing.
+    # A larger change of course across a standstill, degrees, means reversing.
     reverse_flip_deg: float = 120.0
     # From this GNSS speed on its course is trusted.
     course_speed_mps: float = 0.2
-    # Devices. GNSS is silent after the larger of a time and a number of epochs.
+    # Time after which a drive is silent, s. GNSS is silent after the larger of a time and a number
+    # of epochs.
     drive_silent_s: float = 0.5
     gnss_silent_s: float = 0.5
     gnss_silent_periods: float = 2.5
@@ -63,59 +66,60 @@ class SafetyLimits:
     scale_silent_s: float = 2.0
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
-    # Commanded to stop (`standstill_monitor`). A slower shaft stands: six standard deviations of
-    # the nominal encoder's 0.3 r/min.
+    # Speed below which a shaft stands, r/min: six standard deviations of the nominal encoder's 0.3
+    # r/min (`standstill_monitor`).
     shaft_stands_rpm: float = 2.0
-    # A drive may be later than the machine model by this.
+    # Maximum additional delay of a drive over the machine model, s.
     stand_settle_s: float = 0.15
-    # After this time a shaft that only slows down is an alarm too.
+    # Time after which a decelerating shaft is an alarm too, s.
     run_down_max_s: float = 5.0
-    # The shaft must turn for so long, without a break and without slowing down.
+    # Minimum time for which a shaft must turn, without a break and without deceleration, s.
     stand_confirm_s: float = 0.5
     # A gate within this distance of its place stands: 30 times the sensor's noise.
     gate_stands_mm: float = 3.0
     # Time of a valve to close: at most 2 s in a machine file, and the delay of the board's line.
     valve_closes_s: float = 3.0
-    # Following their set-points at work (`work_watch`). A difference from the model, in % of the
-    # set-point, that no trim can correct.
+    # Difference from the model, in % of the set-point, that no trim can correct (`work_watch`).
     drive_far_percent: float = 20.0
-    # It is a fault after this time, in which slow motors (0.5 s) arrive.
+    # Time after which such a difference is a fault, s: slow motors (0.5 s) arrive within it.
     drive_far_s: float = 2.0
-    # A smaller difference, trim included, that the gate may compensate.
+    # Smaller difference, trim included, that the gate may compensate, %.
     shaft_off_percent: float = 5.0
-    # It is an alarm after this time: the trim (5 s) corrects 10 % in twice its time constant.
+    # Time after which such a difference is an alarm, s: the trim (5 s) corrects 10 % in twice its
+    # time constant.
     shaft_off_s: float = 10.0
-    # 15 standard deviations of the sensor, more than half of the usual play (2 mm).
+    # Difference of the gate, mm: 15 standard deviations of the sensor, more than half of the usual
+    # backlash (2 mm).
     gate_off_mm: float = 1.5
-    # It is an alarm after this time: the trim corrects 3 mm in 3.5 s.
+    # Time after which such a difference is an alarm, s: the trim corrects 3 mm in 3.5 s.
     gate_off_s: float = 2.0
-    # Rate. Errors are relative to the larger of the target and this.
+    # Minimum reference of a relative rate error, kg/ha.
     rate_floor_kg_ha: float = 50.0
     rate_amber_percent: float = 10.0
     rate_amber_s: float = 3.0
     rate_red_percent: float = 20.0
     rate_red_s: float = 2.0
-    # The product's absolute limit; more for this long leads to held.
+    # Absolute limit of the product, kg/ha; a rate above it for `rate_max_s` leads to held.
     rate_max_kg_ha: float = 1000.0
     rate_max_s: float = 1.0
     # Time beyond the machine's range until the alarm. A machine that starts or stops at
     # 0.5 m/s2 passes the speeds at which its gate cannot close further in 2 s.
     beyond_range_s: float = 3.0
-    # Hopper. A larger trim by the scale is an alarm.
+    # Trim by the scale above which an alarm is raised, %.
     trimmed_percent: float = 5.0
     hopper_empty_kg: float = 0.5
     hopper_low_kg: float = 30.0
-    # Empty and low end this far above their limit, and must last this long.
+    # Hysteresis of the empty and low limits, kg; both conditions must last `hopper_confirm_s`.
     hopper_clear_kg: float = 1.0
     hopper_confirm_s: float = 1.0
     # Calibrating begins below the first speed by wheel and GNSS; above the second it is a fault.
     calibrate_speed_mps: float = 0.1
     calibrate_fault_speed_mps: float = 0.2
-    # Longest run.
+    # Maximum length of a calibrating run, s.
     calibrate_max_s: float = 120.0
     # Hold-to-run: the order must be repeated sooner than this.
     calibrate_confirm_s: float = 0.5
-    # An alarm ends when its cause has been away this long.
+    # Time without a cause after which an alarm ends, s.
     alarm_clear_s: float = 1.0
 
     def __post_init__(self) -> None:
@@ -132,7 +136,7 @@ class SafetyLimits:
 class DriveLimits:
     """Holds the limits of every command to the drives. Raises ValueError as `SafetyLimits` does."""
 
-    # Slowest turning; 0 (stopped) is always allowed.
+    # Slowest turning speed, r/min; 0 (stopped) is always allowed.
     shaft_min_rpm: float = 10.0
     shaft_max_rpm: float = 100.0
     opening_min_mm: float = 0.0

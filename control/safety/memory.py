@@ -1,4 +1,4 @@
-"""What does safety remember from one tick to the next? One frozen value."""
+"""What does safety remember between ticks? The memory is one frozen value."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWat
 
 
 class Allowances(NamedTuple):
-    """Holds what the operator allows; everything ends with a stop."""
+    """Holds the operator's permissions; all of them end with a stop."""
 
     reverse: bool = False
     outside: bool = False
-    unlogged: bool = False  # ends also when the log works again
-    # the outside rate of a map that does not lie here is wanted
+    # The permission also ends when the log works again.
+    unlogged: bool = False
+    # Whether the outside rate of a distant map is permitted.
     map_elsewhere: bool = False
-    # the wheel sensor is dead: GNSS alone says how fast it goes
+    # Whether work with GNSS alone is permitted, because the wheel sensor has failed.
     no_wheel: bool = False
 
 
@@ -29,14 +30,18 @@ class Memory(NamedTuple):
 
     state: State = State.OFF
     why_state: str = ""
-    entered_s: float = -inf  # the state was entered
-    left_off_s: float = -inf  # off was last left
-    # last time the calibrate button was reported down
+    # Time at which the state was entered, s.
+    entered_s: float = -inf
+    # Time at which off was last left, s.
+    left_off_s: float = -inf
+    # Time of the last report that the calibrate button is held, s.
     calibrate_s: float = -inf
     calibrate_until_s: float = -inf
-    start_held_s: float = -inf  # last time START was reported held down
+    # Time of the last report that START is held, s.
+    start_held_s: float = -inf
     allow: Allowances = Allowances()
-    flowing: bool = False  # flow was allowed at the last tick
+    # Whether flow was allowed in the last tick.
+    flowing: bool = False
     motion: Motion = Motion()
     rate: RateWatch = RateWatch()
     hopper: HopperWatch = HopperWatch()
@@ -44,12 +49,13 @@ class Memory(NamedTuple):
     follow: FollowWatch = FollowWatch()
     scale_heard: bool = False
     heads_full_since_s: float | None = None
-    # The wanted rate has been beyond the machine's range since then.
+    # Time since which the wanted rate is beyond the machine's range, s.
     beyond_range_since_s: float | None = None
     live: tuple[LiveAlarm, ...] = ()
-    checked_s: float = -inf  # what follows is from that check
-    # wheel and GNSS known, both slow enough to calibrate
+    # Time of the check from which the following values come, s.
+    checked_s: float = -inf
+    # Whether wheel and GNSS are known and both slow enough to calibrate.
     still: bool = False
-    # an alarm that leads to fault and whose cause is there now
+    # Alarm with a present cause that leads to fault.
     fault_cause: str | None = None
     log_ok: bool = True

@@ -1,5 +1,6 @@
-"""Has the machine started, since when does it stand, and does it reverse? The memory of the
-movement."""
+"""Has the machine started, since when does it stand, and does it reverse? The module stores the
+movement.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +14,23 @@ from topdress.control.safety.words import Situation
 class Motion(NamedTuple):
     """Holds the movement of the machine after a tick."""
 
-    # started above one speed, not yet below the other
+    # Whether the machine has exceeded the start speed, and not fallen below the stop speed since.
     moving: bool = False
     standing_since_s: float | None = None
     speed_lost_since_s: float | None = None
-    wheel_doubt_since_s: float | None = None  # wheel stands while GNSS moves
-    course_deg: float | None = None  # last one believed
+    # Time since which the wheel stands while GNSS moves, s.
+    wheel_doubt_since_s: float | None = None
+    # Last trusted course, degrees.
+    course_deg: float | None = None
     course_epoch_s: float | None = None
-    stood: bool = False  # since that course
+    # Whether the machine has stood since that course.
+    stood: bool = False
     reversing: bool = False
-    # flow with START held, since it is: before the machine counts as moving
+    # Time since which material flows with START held, before the machine counts as moving, s.
     launched_since_s: float | None = None
     launching: bool = False
-    course_since_stood: bool = False  # a course was believed since it last stood still
+    # Whether a course was trusted since the last standstill.
+    course_since_stood: bool = False
 
 
 def update_motion(
@@ -38,14 +43,16 @@ def update_motion(
     start_held: bool = False,
     by_gnss: bool = False,
 ) -> Motion:
-    """Returns the movement after this tick. by_gnss: the wheel is dead and allowed to be.
+    """Returns the movement after this tick. by_gnss: whether the wheel has failed and work without
+    it is permitted.
 
-    Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course
-    before a standstill; it lasts until the course flips once more across a standstill. A turn
-    without a standstill changes nothing. After a standstill the machine counts as moving only
-    once its course is known again (where it was known before), or reversing is allowed.
-    Launching: it creeps, START is held, and its course is known since it stood (or never was
-    known); at most `launch_max_s` under one press."""
+    Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course before a
+    standstill, until the course flips again across a standstill. A turn without a standstill has no
+    effect. After a standstill the machine counts as moving only once its course is known again
+    (where it was known before), or reversing is permitted. Launching: the machine creeps, START is
+    held, and its course is known since the standstill (or was never known); at most `launch_max_s`
+    for one press.
+    """
     speed, gnss = seen.speed_mps, seen.gnss_speed_mps
     slow = speed is not None and speed < limits.stop_speed_mps
     standing = s.wheel_standstill or (speed is not None and speed < limits.standstill_speed_mps)
@@ -135,8 +142,8 @@ def _is_moving(
 def _is_creeping(
     seen: ValidReadings, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool
 ) -> bool:
-    """Returns whether the speed in use and both speed sensors show that it has set off; one of
-    them where only one is fitted."""
+    """Returns whether the used speed and both speed sensors show that the machine has started to
+    move; a single sensor suffices where only one is fitted."""
     least = limits.launch_speed_mps
     moving = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
     both = all(moving) if both_to_start else any(moving)

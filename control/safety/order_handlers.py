@@ -49,8 +49,9 @@ def _handle_ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -
 
 
 def _handle_start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Handles START. True: the button is down, and the console repeats the order. A press that
-    outlived work does not resume it: leaving held needs a new press."""
+    """Handles START. True means that the button is down; the console repeats the order. A press
+    that continued beyond the end of work does not resume work: leaving held requires a new press.
+    """
     held_down = now_s - m.start_held_s < limits.launch_confirm_s
     if order.value is True:
         m = m._replace(start_held_s=now_s)
@@ -86,10 +87,11 @@ def _handle_stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) ->
 
 
 def _handle_calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Begins a calibrating run or keeps it going: the console repeats the order while the button
-    is down.
+    """Starts or continues a calibrating run: the console repeats the order while the button is
+    down.
 
-    A run that ended by itself does not begin again under a button that was never released."""
+    A run that ended by itself does not start again under a button that was never released.
+    """
     wanted_s = limits.calibrate_max_s if order.value is None else _read_number(order.value)
     if wanted_s is None or not 0.0 < wanted_s <= limits.calibrate_max_s:
         return m, _refuse_order("calibrate_seconds", max_s=limits.calibrate_max_s)
@@ -112,8 +114,8 @@ def _handle_calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimit
 
 
 def _handle_release(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Handles the release of the button, which is always accepted: after a run that ended by
-    itself the button is released too."""
+    """Handles the release of the button, which is always accepted, also after a run that ended
+    by itself."""
     up = m._replace(calibrate_s=Memory().calibrate_s)
     return (
         _enter_state(up, State.READY, order.do, now_s) if m.state is State.CALIBRATING else up
@@ -179,18 +181,18 @@ BENCH_ORDERS = (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING)
 
 
 class BenchSetting(NamedTuple):
-    """Holds the wanted set-points of a calibrating run, before the drives' limits. A run begins
-    with a standing shaft and the gate where it is."""
+    """Holds the wanted set-points of a calibrating run, before the drives' limits. A run starts
+    with a standing shaft and an unmoved gate."""
 
     shaft_rpm: float = 0.0
-    # None: the gate stays.
+    # Opening, mm; None leaves the gate unmoved.
     opening_mm: float | None = None
 
 
 class BenchRun(NamedTuple):
-    """Holds a calibrating run as the console shows it."""
+    """Holds a calibrating run for the console."""
 
-    # Set-points as they were sent.
+    # Set-points that were sent.
     shaft_rpm: float
     opening_mm: float
     elapsed_s: float
@@ -200,11 +202,12 @@ class BenchRun(NamedTuple):
 def apply_bench_order(
     setting: BenchSetting, order: Order, state: State
 ) -> tuple[BenchSetting, Answer]:
-    """Returns the set-points after one of `BENCH_ORDERS`. It is refused unless calibrating, and for
-    a value that is not a number of at least 0.
+    """Returns the set-points after one of `BENCH_ORDERS`. The order is refused unless calibrating,
+    and for a value that is not a number of at least 0.
 
-    A number above the drives' limits is accepted and cut by the last gate (`limited`); the frame
-    shows the set-points that were sent."""
+    A number above the drives' limits is accepted and limited by the last check (`limited`); the
+    frame shows the sent set-points.
+    """
     if state is not State.CALIBRATING:
         return setting, Answer(False, make_refusal("not_from_state", state=state.value))
     value = order.value

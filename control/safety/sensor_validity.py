@@ -1,4 +1,6 @@
-"""Which sensors can be trusted at this tick? Pure: readings and limits in, plain values out."""
+"""Which sensors can be trusted in this tick? Pure: the inputs are readings and limits, the
+results plain values.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,15 @@ from topdress.control.safety.words import Situation
 
 
 class ValidReadings(NamedTuple):
-    """Holds the valid readings of this tick; None: silent, missing or not a number, and of a
-    speed also: not trusted."""
+    """Holds the valid readings of this tick; None means silent, missing, not a number, or (for a
+    speed) not trusted."""
 
-    # There is an epoch with a fix that is not older than its limit.
+    # Whether an epoch with a fix exists that is not older than its limit.
     gnss_ok: bool
     gnss_speed_mps: float | None
     gnss_course_deg: float | None
     gnss_epoch_s: float | None
-    # 0 when the wheel stands.
+    # Wheel speed, m/s; 0 for a standing wheel.
     wheel_speed_mps: float | None
     # The speed that control uses.
     speed_mps: float | None
@@ -34,7 +36,7 @@ class ValidReadings(NamedTuple):
     hopper_kg: float | None
     shaft_rpm: float | None
     opening_mm: float | None
-    # Every canopy head with a valid reading reads more than any canopy.
+    # Whether every canopy head with a valid reading reads more than any canopy.
     heads_full: bool
 
     @property

@@ -1,8 +1,9 @@
-"""Do shaft, gate and valves stand while they are commanded to? Checked in every state. Pure.
+"""Do shaft, gate and valves stand while they are commanded to? The check runs in every state. Pure.
 
-A stop is a command to a drive, not a fact. A shaft that runs down is no fault: the alarm needs a
-shaft that turns although the machine model says that it stands, and that is not slowing down. A
-gate may first travel to its set-point. A valve may take its time."""
+A stop is a command to a drive, not a fact. A decelerating shaft is no fault: the alarm requires a
+shaft that turns although it stands by the machine model, and does not decelerate. A gate may first
+travel to its set-point. A valve has its closing time.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +14,33 @@ from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
 from topdress.control.safety.words import Situation
 
-# A shaft below this share of its highest speed since it last slowed down is slowing down.
+# A shaft decelerates while it is below this share of its highest speed since the last deceleration.
 SLOWING_SHARE = 0.9
 
 
 class ShaftStand(NamedTuple):
     """Holds the state of the metering shaft while it is commanded to stop."""
 
-    commanded_since_s: float | None = None  # without a break; None: it is commanded to turn
-    settled_since_s: float | None = None  # by the machine model it stands since then
-    # highest that was read since it was last seen slowing down
+    # Start of the uninterrupted stop command, s; None while the shaft is commanded to turn.
+    commanded_since_s: float | None = None
+    # Time since which the shaft stands by the machine model, s.
+    settled_since_s: float | None = None
+    # Highest reading since the last deceleration, r/min.
     slows_from_rpm: float | None = None
-    slowed_s: float = 0.0  # when it was last seen slowing down
+    # Time of the last deceleration, s.
+    slowed_s: float = 0.0
     turning_since_s: float | None = None
-    turns: bool = False  # though commanded to stop
+    # Whether the shaft turns despite a stop command.
+    turns: bool = False
 
 
 class GateStand(NamedTuple):
-    """Holds the state of the gate while nothing may flow: its set-point stays, so must the gate."""
+    """Holds the state of the gate while flow is forbidden: its set-point is constant, so the
+    gate must stand."""
 
-    # the newest set-point that it was to follow; None: none yet
+    # Newest set-point that the gate should follow, mm; None before the first.
     commanded_mm: float | None = None
-    # read since flow was forbidden: on its way down it may be higher before
+    # Lowest reading since flow was forbidden, mm: a closing gate may start higher.
     lowest_mm: float | None = None
     opening_since_s: float | None = None
     opens: bool = False
@@ -44,17 +50,19 @@ class ValveStand(NamedTuple):
     """Holds the state of the section valves that are commanded closed, on machines whose board
     reports their positions."""
 
-    # commanded closed for long enough, and read open since
+    # Time since which each valve reads open, after its closing time, s.
     open_since_s: tuple[float | None, ...] = ()
-    closed_since_s: tuple[float | None, ...] = ()  # commanded closed since
-    stuck: tuple[int, ...] = ()  # sections, from 1, that stay open
+    # Time since which each valve is commanded closed, s.
+    closed_since_s: tuple[float | None, ...] = ()
+    # Numbers of the sections that stay open, from 1.
+    stuck: tuple[int, ...] = ()
 
 
 SHAFT_TURNING, NO_VALVES = ShaftStand(), ValveStand()
 
 
 class StandstillWatch(NamedTuple):
-    """Holds the watch of all drives that must stand."""
+    """Holds the states of all drives that must stand."""
 
     shaft: ShaftStand = SHAFT_TURNING
     gate: GateStand = GateStand()
@@ -83,7 +91,7 @@ def _watch_shaft(
     if rpm is not None and (slows_from is None or rpm < SLOWING_SHARE * slows_from):
         slows_from, slowed_s = rpm, now_s
     elif rpm is not None and slows_from is not None:
-        # A shaft that is stopped within its dead time first speeds up.
+        # A shaft that is stopped within its dead time first accelerates.
         slows_from = max(slows_from, rpm)
     settled = find_since_s(
         before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm
@@ -107,9 +115,11 @@ def _watch_shaft(
 def _watch_gate(
     before: GateStand, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
 ) -> GateStand:
-    """Watches the gate: it may be neither above its set-point nor above its earlier place. A
-    board without enable keeps the last set-point that it followed, and at power-on the gate's
-    place."""
+    """Monitors the gate, which may be neither above its set-point nor above its earlier position.
+
+    A board without an enable line keeps the last set-point that it followed, and at power-on the
+    gate's position.
+    """
     commanded_mm = s.commanded.opening_mm if s.commanded.enabled else before.commanded_mm
     if s.commanded.flow:
         return GateStand(commanded_mm)

@@ -32,7 +32,8 @@ from topdress.control.safety.work_watch import watch_drives, watch_hopper, watch
 class Safety:
     """Runs states, interlocks and alarms of one run. All times are seconds on the loop's clock.
 
-    `has_work_switch`: a switch is fitted, so that its silence counts as up."""
+    `has_work_switch`: whether a switch is fitted, so that its silence counts as raised.
+    """
 
     def __init__(self, limits: SafetyLimits | None = None, has_work_switch: bool = False) -> None:
         self._limits = limits if limits is not None else SafetyLimits()
@@ -49,21 +50,21 @@ class Safety:
         return self._memory.state
 
     def start_is_held(self, now_s: float) -> bool:
-        """Returns whether START was reported as held so recently that it still is."""
+        """Returns whether START was reported as held recently enough to count as held."""
         return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
 
     def handle_order(self, order: Order, now_s: float) -> Answer:
-        """Executes or refuses an order that concerns state, alarms or allowances; it takes
-        effect at once.
+        """Executes or refuses an order on state, alarms or permissions, with immediate effect.
 
-        `read_refusal` reads `Answer.why`. Orders of other rooms are answered with
-        `not_for_safety`."""
+        `read_refusal` reads `Answer.why`. Orders for other packages are answered with
+        `not_for_safety`.
+        """
         self._memory, answer = handle_order(self._memory, order, now_s, self._limits)
         return answer
 
     def check_tick(self, now_s: float, s: Situation) -> Verdict:
-        """Processes one tick: takes the situation, changes the state, updates the alarms, and
-        decides whether material may flow."""
+        """Processes one tick: changes the state, updates the alarms, and decides whether
+        material may flow."""
         m, limits = self._memory, self._limits
         seen = judge_readings(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
@@ -171,11 +172,11 @@ def find_next_state(
     troubles: Mapping[str, Details],
     limits: SafetyLimits,
 ) -> tuple[State, str]:
-    """Returns the state after this tick and its reason. Fault has priority over off, off over
-    held.
+    """Returns the state after this tick and its reason. Fault has priority over off, off over held.
 
-    No tick leaves fault. A tick leaves held only for fault, or for off when no console came
-    back."""
+    No tick leaves fault. A tick leaves held only for fault, or for off when no console has
+    returned.
+    """
     if m.state is State.OFF:
         return m.state, m.why_state
     cause = find_cause_leading_to(troubles, State.FAULT)

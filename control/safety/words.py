@@ -1,5 +1,6 @@
-"""Which values does safety exchange with the loop? Its input and verdict, and texts for
-translation."""
+"""Which values does safety exchange with the loop? The module defines its input and verdict, and
+texts for translation.
+"""
 
 from __future__ import annotations
 
@@ -33,75 +34,93 @@ POWERED_STATES = (State.WORKING, State.HELD, State.CALIBRATING)
 class Commanded(NamedTuple):
     """Holds the commands of the tick before, which the readings of this tick must follow."""
 
-    # the shaft: a speed, or a dose that is not over yet
+    # Whether the shaft should turn: a speed, or a dose that is not over yet.
     turn: bool = True
-    flow: bool = True  # material was allowed to flow
-    enabled: bool = True  # the drives have power
+    # Whether material was allowed to flow.
+    flow: bool = True
+    # Whether the drives have power.
+    enabled: bool = True
     opening_mm: float = 0.0
-    valves: tuple[bool, ...] = ()  # of the sections, left to right; none: no valves
-    expected_rpm: float = 0.0  # of the shaft by now, by the machine model
-    # released in this stop so far, by the measured shaft
+    # Commands of the section valves, left to right; empty for a machine without valves.
+    valves: tuple[bool, ...] = ()
+    # Shaft speed expected now by the machine model, r/min.
+    expected_rpm: float = 0.0
+    # Mass released in this stop so far, by the measured shaft, kg.
     stopped_kg: float = 0.0
-    # what the gate should read by now, by the machine model
+    # Gate reading expected now by the machine model, mm.
     expected_mm: float = 0.0
-    shaft_rpm: float = 0.0  # set-point; 0: to stop, in a dose, or not judged
+    # Set-point of the shaft, r/min; 0 for a stop, a dose, or an unjudged speed.
+    shaft_rpm: float = 0.0
 
 
 class Situation(NamedTuple):
-    """Holds what safety needs to know of a tick. None is unknown; a number that is not finite
+    """Holds the facts of a tick that safety needs. None is unknown; a number that is not finite
     counts as unknown."""
 
     measurements: Measurements
-    speed_used_mps: float | None  # None: both speeds silent
-    gnss_period_s: float  # observed period of GNSS epochs
-    wheel_standstill: bool  # no wheel pulse for 0.8 s, or the wheel reads 0
-    target_source: TargetSource  # of the operator's mode
-    position_ok: bool  # own or dead-reckoned position is usable
-    landing_inside: bool | None  # None: no field known
-    valid_heads: int | None  # None: heads not needed in this mode
+    # Used speed, m/s; None while both speeds are silent.
+    speed_used_mps: float | None
+    # Observed period of GNSS epochs, s.
+    gnss_period_s: float
+    # Whether no wheel pulse arrived for 0.8 s, or the wheel reads 0.
+    wheel_standstill: bool
+    # Source of the operator's mode.
+    target_source: TargetSource
+    # Whether the measured or dead-reckoned position is usable.
+    position_ok: bool
+    # Whether material lands inside the field; None where no field is known.
+    landing_inside: bool | None
+    # Number of valid heads; None where this mode needs no heads.
+    valid_heads: int | None
     ndvi_age_s: float | None
-    # target passed through the nominal response of the actuators
+    # Target after the nominal response of the actuators, kg/ha.
     expected_rate_kg_ha: float | None
-    applied_rate_kg_ha: float | None  # raw
+    # Unfiltered applied rate, kg/ha.
+    applied_rate_kg_ha: float | None
     target_rate_kg_ha: float
     metres_left_m: float | None
-    # highest speed whose lead the heads still cover; None: not short
+    # Highest speed with sufficient lead of the heads, m/s; None where the present speed is not too
+    # high.
     usable_speed_mps: float | None
-    # since the operating console was heard; None: none needed (headless)
+    # Time since the operating console was heard, s; None where no console is required (headless).
     console_age_s: float | None
     log_ok: bool
-    # the newest epoch was ruled out: how far off it lies
+    # Distance of the newest refused epoch from a possible position, m.
     position_refused_m: float | None = None
-    # it has walked off, each epoch near the one before
+    # Whether the position drifts, although each epoch is near the one before.
     position_walks: bool = False
-    # the rate that was wanted, where it is above the crop's limit
+    # Wanted rate, where it is above the crop's limit, kg/ha.
     cut_from_kg_ha: float | None = None
     commanded: Commanded = Commanded()
-    # what the hopper scale says of the flow, and of material that nobody ordered
+    # Finding of the hopper scale on the flow, and on unordered material.
     scale: ScaleFinding = NO_SCALE_FINDING
-    # what the metering drive's effort says of its load
+    # Finding on the metering drive's effort.
     effort: EffortFinding = NO_EFFORT_FINDING
-    map_elsewhere: bool = False  # the map does not lie where work was started
-    # what is spread while the other display tells no target; None: it tells one, or is not asked
+    # Whether the map is not at the place where work was started.
+    map_elsewhere: bool = False
+    # Rate while the other display sends no target, kg/ha; None while it sends a target or is not
+    # used.
     silent_rate_kg_ha: float | None = None
-    by_index_map: bool = False  # the index map stands in for silent heads
-    # the position is known, but it never moved: where it points is not
+    # Whether the index map replaces silent heads.
+    by_index_map: bool = False
+    # Whether the position is known but the heading is not, because the machine has not moved yet.
     course_awaited: bool = False
-    # wheel and GNSS do not tell one speed: which is not believed
+    # The speed that is not trusted, where wheel and GNSS contradict each other.
     speed_doubt: SpeedDoubt | None = None
     # The machine cannot give the wanted rate at this speed.
     range_breach: RangeBreach | None = None
 
 
 class Verdict(NamedTuple):
-    """Holds the answer of safety to a tick."""
+    """Holds the verdict of safety on a tick."""
 
     state: State
     flow_allowed: bool
-    # ids of INTERLOCKS; empty exactly when flow is allowed
+    # Ids of INTERLOCKS; empty exactly when flow is allowed.
     why_no_flow: tuple[str, ...]
-    alarms: tuple[Alarm, ...]  # live, worst first, then oldest first
-    # what led to the state: an order, an alarm id, or one of STATE_REASONS
+    # Live alarms, worst first, then oldest first.
+    alarms: tuple[Alarm, ...]
+    # Reason for the state: an order, an alarm id, or one of STATE_REASONS.
     why_state: str = ""
 
 

@@ -1,11 +1,12 @@
 """Do shaft and gate follow at work, is the rate on its target, is the hopper empty or low? Pure.
 
-Shaft and gate are compared with the machine model's present values, because every ramp would
-differ from the set-point. The model includes the drive's dead time, its slope, and its loss with
-the supply; the host's trims (10 % of the shaft, 2 mm of the gate) correct the effects of a weak
-battery or a worn motor. The rest is a fault: a wrong gear, a drive that runs away or is jammed,
-a gate that is stuck. `metering/flow_trim.py` compares the mass that leaves the hopper with the
-model."""
+Shaft and gate are compared with the machine model's present values, because every ramp would differ
+from the set-point. The model includes the drive's dead time, its slope, and its loss with the
+supply voltage; the host's trims (10 % of the shaft, 2 mm of the gate) correct the effects of a weak
+battery or a worn motor. A larger difference is a fault: a wrong gear, a drive that is out of
+control or jammed, a gate that is stuck. `metering/flow_trim.py` compares the mass that leaves the
+hopper with the model.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +40,12 @@ def watch_drives(
     flowing: bool,
     limits: SafetyLimits,
 ) -> FollowWatch:
-    """Returns the watch of the drives after this tick. It judges only while a turning shaft is
-    to meter: `standstill_monitor` watches a stop, the board a dose. A share refers to the
-    set-point, or to the model's rest of the one before."""
+    """Returns the state of the drives after this tick.
+
+    The drives are judged only while a turning shaft should meter: `standstill_monitor` monitors a
+    stop, the board a dose. A relative error refers to the set-point, or to the model's remainder of
+    the previous set-point.
+    """
     commanded = s.commanded
     if not flowing or not commanded.shaft_rpm > 0.0:
         return DRIVES_FOLLOWING
@@ -73,10 +77,13 @@ class RateWatch(NamedTuple):
     """Holds how long the applied rate has been off its target. Values are raw: no smoothing
     between machine and alarm."""
 
-    error_percent: float = 0.0  # at this tick, signed: applied minus expected
-    amber_since_s: float | None = None  # without a break
+    # Error of this tick, signed: applied minus expected, %.
+    error_percent: float = 0.0
+    # Start of the uninterrupted excess, s.
+    amber_since_s: float | None = None
     red_since_s: float | None = None
-    above_since_s: float | None = None  # above the product's absolute limit
+    # Start of the excess over the product's absolute limit, s.
+    above_since_s: float | None = None
 
 
 RATE_NOT_JUDGED = RateWatch()
@@ -85,11 +92,12 @@ RATE_NOT_JUDGED = RateWatch()
 def watch_rate(
     before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits
 ) -> RateWatch:
-    """Returns the watch of the rate after this tick; every break in an excess and every stop of
-    the flow restart its count.
+    """Returns the state of the rate after this tick; every interruption of an excess and every stop
+    of the flow restart its time.
 
-    The error is applied minus expected rate (the target passed through the nominal response of
-    the actuators), relative to the larger of the target and `rate_floor_kg_ha`."""
+    The error is applied minus expected rate (the target after the nominal response of the
+    actuators), relative to the larger of the target and `rate_floor_kg_ha`.
+    """
     if not flowing or s.applied_rate_kg_ha is None:
         return RATE_NOT_JUDGED
     error = 0.0
@@ -115,8 +123,8 @@ class HopperWatch(NamedTuple):
 def watch_hopper(
     before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits
 ) -> HopperWatch:
-    """Returns the watch of the hopper after this tick. `hopper_kg` None: no scale, or silent;
-    then nothing is judged."""
+    """Returns the state of the hopper after this tick. `hopper_kg` None means no scale or a
+    silent scale; then nothing is judged."""
     if hopper_kg is None:
         return HopperWatch(low=before.low)
     edge_kg = limits.hopper_low_kg + (limits.hopper_clear_kg if before.low else 0.0)

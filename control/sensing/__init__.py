@@ -1,5 +1,4 @@
-"""Which speed and which place does control use, and how fast will the machine go over the next
-seconds?
+"""Determines the speed and position that control uses, and predicts the speed of the next seconds.
 
 Files:
 

@@ -50,13 +50,14 @@ class GnssDelay:
     def __init__(self) -> None:
         self._times_s: deque[float] = deque()
         self._ways_m: deque[float] = deque()
-        # epochs of the last second: time, m/s
+        # Time, s, and speed, m/s, of the epochs of the last second.
         self._epochs: deque[tuple[float, float]] = deque()
         self._squares = [0.0] * len(CANDIDATE_DELAYS_S)
-        self.delay_and_sd_s = self._estimate_delay_s()  # mean and standard deviation
+        # Mean and standard deviation of the delay, s.
+        self.delay_and_sd_s = self._estimate_delay_s()
 
     def record_wheel(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
-        """Adds the wheel's way of one tick."""
+        """Adds the wheel's distance of one tick."""
         if self._times_s and not 0.0 < time_s - self._times_s[-1] < CHANGE_SPAN_S:
             self._times_s.clear()
             self._ways_m.clear()
@@ -81,14 +82,14 @@ class GnssDelay:
         return mean, sqrt(spread + DELAY_STEP_SD_S**2)
 
     def take_epoch(self, time_s: float, gnss_mps: float, ratio: float) -> DelayedWheel | None:
-        """Takes a GNSS speed and returns the wheel speed to compare it with; None where the
-        wheel has not been trusted for long enough.
+        """Stores a GNSS speed and returns the wheel speed for comparison; None where the wheel has
+        not been trusted for long enough.
 
         Parameters
         ----------
-        time_s : of the epoch, s.
-        gnss_mps : the receiver's speed, m/s.
-        ratio : the present correction factor of the wheel."""
+        time_s : time of the epoch, s. gnss_mps : the receiver's speed, m/s. ratio : the present
+        correction factor of the wheel.
+        """
         while self._epochs and time_s - self._epochs[0][0] > CHANGE_SPAN_S + 1e-6:
             self._epochs.popleft()
         before = (

@@ -60,12 +60,11 @@ class JudgedPlace(NamedTuple):
 
     taken: bool
     off_m: float
-    # The place was accepted although dead reckoning contradicts it.
+    # Whether the position was accepted although dead reckoning contradicts it.
     anew: bool = False
-    # The place drifts, or has drifted and does not agree again yet.
+    # Whether the position drifts, or has drifted and does not agree again yet.
     walks: bool = False
-    # The drift is found with this epoch; this is where the antenna is by the place before the
-    # drift.
+    # Antenna position by the position before the drift, set in the epoch that detects the drift.
     back: Place | None = None
 
 
@@ -87,19 +86,21 @@ class PositionGate:
 
     def __init__(self) -> None:
         self._taken: _ReckonedPlace | None = None
-        # first of the refused epochs that agree with each other
+        # First of the refused epochs that agree with each other.
         self._other: _ReckonedPlace | None = None
         self._agreeing = 0
-        # reckoned since the beginning: distance, and its two components
+        # Dead-reckoned distance since the start, and its two components, m.
         self._way_m = 0.0
         self._east_m = 0.0
         self._north_m = 0.0
-        self._lost = 0  # ticks whose heading was not known
+        # Number of ticks with an unknown heading.
+        self._lost = 0
         self._watch = WalkWatch()
-        # the last place that is believed; None: none has walked off
+        # Last trusted position before a drift; None without a drift.
         self._before_walk: Mark | None = None
-        self._back = 0  # epochs that agree with it again
-        # how long places must agree with speed and course
+        # Number of epochs that agree with that position again.
+        self._back = 0
+        # Time for which positions must agree with speed and course, s.
         self._again_s = 0.0
 
     def add_way(self, way_m: float, east_m: float, north_m: float) -> None:
@@ -256,7 +257,7 @@ def _is_within_gate(
 
 
 def find_place_sd_m(quality: int, hdop: float | None) -> float:
-    """1 s.d. of a place, m an axis."""
+    """Returns the standard deviation of a position, m per axis."""
     known = PLACE_SD_M.get(quality)
     if known is not None:
         return known

@@ -75,40 +75,44 @@ class Sensed(NamedTuple):
     """Holds the speed, place and heading that control uses in one tick."""
 
     time_s: float
-    # the one control uses; None: both silent too long
+    # Used speed, m/s; None where both sensors are silent for too long.
     speed_mps: float | None
     acceleration_mps2: float
-    speed_source: str  # both, gnss, wheel, held, none
-    # distance the outlet has travelled; backing up takes it back
+    # Source of the speed: both, gnss, wheel, held, none.
+    speed_source: str
+    # Distance travelled by the outlet, m; reversing decreases it.
     track_m: float
-    east_m: float | None  # outlet
+    # Position of the outlet, m.
+    east_m: float | None
     north_m: float | None
-    heading_deg: float | None  # where the machine points, also when it backs up
+    # Heading of the machine, degrees, also while reversing.
+    heading_deg: float | None
     turn_deg_s: float
     position_ok: bool
     gnss_age_s: float | None
     gnss_period_s: float
     wheel_standstill: bool
     backwards: bool
-    # the newest epoch was ruled out: how far it lies from where it can be
+    # Distance of the newest refused epoch from a possible position, m.
     refused_m: float | None = None
-    # in this tick a place was taken this far from where it was thought to be
+    # Distance of a newly accepted position from the assumed position in this tick, m.
     moved_m: float | None = None
-    # the refused epoch has walked off from the receiver's own speed and course
+    # Whether the refused epoch contradicts the receiver's own speed and course.
     walks: bool = False
-    # filter `quick`; as `speed_used` where only GNSS speaks
+    # State of the filter `quick`; equal to `speed_used` with GNSS alone.
     quick: SpeedFilter = SpeedFilter()
-    # a place is known, and it never moved: where it points is not
+    # Whether the position is known but not the heading, because the machine has not moved yet.
     course_awaited: bool = False
-    # wheel and GNSS do not tell one speed: which is not believed
+    # The speed that is not trusted, where wheel and GNSS contradict each other.
     doubt: SpeedDoubt | None = None
 
 
 @dataclass(frozen=True)
 class SensingLimits:
-    gnss_silent_s: float = 0.5  # at least
+    # Minimum time until GNSS is silent, s.
+    gnss_silent_s: float = 0.5
     gnss_silent_periods: float = 2.5
-    # 1 s.d. of a place up to which it is reckoned; 0: `DEAD_RECKONING_S` alone
+    # Maximum standard deviation of a dead-reckoned position, m; 0 means `DEAD_RECKONING_S` alone.
     reckoned_m: float = 0.0
 
 
@@ -122,34 +126,44 @@ class Sensing:
         self._antenna_m = antenna_m
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
-        self._moving = SpeedFilter()  # filter `speed_used`
-        self._quick = SpeedFilter()  # filter `quick`
-        self._filtered_s: float | None = None  # time of the sample last taken in
-        self._source = "none"  # of the speed, when one was last heard
+        # State of the filter `speed_used`.
+        self._moving = SpeedFilter()
+        # State of the filter `quick`.
+        self._quick = SpeedFilter()
+        # Time of the last filtered sample, s.
+        self._filtered_s: float | None = None
+        # Source of the last speed.
+        self._source = "none"
         self._ratio = 1.0
         self._late = GnssDelay()
         self._track_m = 0.0
         self._fix_s: float | None = None
-        # between epochs, and whether two were heard; a plain receiver is not silent until then
+        # Period of the epochs, s, and whether two epochs were received; a plain receiver is not
+        # silent until then.
         self._period_s, self._paced = 1.0, False
         self._heading: float | None = None
         self._course: float | None = None
         self._turn = 0.0
-        self._east: float | None = None  # antenna
+        # Position of the antenna, m.
+        self._east: float | None = None
         self._north: float | None = None
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
-        self._turned_s: float | None = None  # newest time that the wheel reported anything
+        # Time of the wheel's last report, s.
+        self._turned_s: float | None = None
         self._direction = _TravelDirection()
         self._gate = PositionGate()
         self._check = SpeedCheck()
-        self._placed_s: float | None = None  # epoch of the place last taken
-        self._spread_m = inf  # of that place
-        # reckoned since; infinite where speed or course was not known
+        # Time of the last accepted position, s.
+        self._placed_s: float | None = None
+        # Standard deviation of that position, m.
+        self._spread_m = inf
+        # Dead-reckoned distance since then, m; infinite where speed or course was unknown.
         self._way_m = 0.0
         self._refused_m: float | None = None
         self._walks = False
-        self._own_epochs: int | None = None  # taken on a plane that the first of them began
+        # Number of epochs on a plane that the first of them defined.
+        self._own_epochs: int | None = None
 
     def sense_motion(self, m: Measurements) -> Sensed:
         """Returns speed, place and heading of this tick."""
@@ -306,7 +320,7 @@ class Sensing:
             self._moving = self._quick = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
-        # what the refused one said is no movement
+        # The speed of the refused sensor caused an apparent acceleration.
         if source != self._source and self._check.doubt is not None:
             believed = gnss_mps if wheel is None or source == "gnss" else wheel.value * self._ratio
             self._moving, self._filtered_s = SpeedFilter(believed or 0.0), now
@@ -343,7 +357,7 @@ class Sensing:
             judged = self._judge_fix(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
             self._walks = judged is not None and judged.walks
-            # a course may be right where a place is not
+            # A course may be right where a position is not.
             if judged is not None and (judged.taken or judged.walks):
                 if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
                     FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS
@@ -475,7 +489,8 @@ class _TravelDirection:
         self.backwards = False
         self._course_deg: float | None = None
         self._stood = False
-        self._unsure_m = 0.0  # signed as if the direction had not changed
+        # Distance with an uncertain sign, m, counted as if the direction had not changed.
+        self._unsure_m = 0.0
 
     def find_signed_way_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
         """Returns the signed way of this tick, m. way_m: unsigned; fix: a new one, or None."""

@@ -87,7 +87,7 @@ BAND_LEARNT_FROM_MPS = 0.3
 
 # An announced speed is valid for this long, s.
 ANNOUNCEMENT_VALID_S = 2.0
-# how far the reference is driven ahead, and in which steps
+# Length and step of the reference ahead, s.
 REFERENCE_SPAN_S, REFERENCE_STEP_S = 6.0, 0.1
 # Forecasts are judged this long after they were made, s: a typical lag.
 JUDGED_AHEAD_S = 1.3
@@ -107,11 +107,14 @@ class SpeedAhead(NamedTuple):
 
     now_mps: float
     acceleration_mps2: float
-    announced_mps: tuple[float, ...] = ()  # the reference
-    announced_way_m: tuple[float, ...] = ()  # its way from now on
-    faster_mps: float = 0.0  # faster than the reference, now
+    # Reference speeds ahead, m/s.
+    announced_mps: tuple[float, ...] = ()
+    # Distance of the reference from now on, m.
+    announced_way_m: tuple[float, ...] = ()
+    # Present speed minus the reference, m/s.
+    faster_mps: float = 0.0
     faster_mps2: float = 0.0
-    # This is the weight of the reference, 0 to 1.
+    # Weight of the reference, 0 to 1.
     reference_weight: float = 0.0
 
     def predict_speed_mps(self, in_s: float) -> float:
@@ -174,7 +177,7 @@ class Forecaster:
     def __init__(self) -> None:
         self._own = _SteadySpeed()
         self._forget_reference()
-        # squared, of the reference and of the own forecast
+        # Squared errors of the reference and of the own forecast, (m/s)^2.
         self._errors_mps2 = [INITIAL_SQUARED_ERROR, INITIAL_SQUARED_ERROR]
 
     def _forget_reference(self) -> None:
@@ -183,8 +186,9 @@ class Forecaster:
             _SteadySpeed(self._own.quiet_mps),
         )
         self._reference_mps: float | None = None
-        self._reference = SpeedFilter()  # as the filter `quick` would see it
-        # time, reference's forecast, own forecast
+        # Reference after the filter `quick`.
+        self._reference = SpeedFilter()
+        # Time, the reference's forecast, and the own forecast.
         self._waiting: deque[tuple[float, float, float]] = deque()
 
     @property

@@ -83,8 +83,9 @@ class SpeedCheck:
         self.doubt: SpeedDoubt | None = None
         self._watch = WalkWatch()
         self._wheel = ReckonedWay(0.0, 0.0, 0.0, 0)
-        self._before: Mark | None = None  # the one before they parted
-        # the longest that is looked at; while open, the one that showed it
+        # Mark before the two speeds differed.
+        self._before: Mark | None = None
+        # Longest examined window, s; while undecided, the window that showed the difference.
         self._window_s = WINDOWS_S[-1]
         self._agreed_s = 0.0
 
@@ -191,7 +192,7 @@ class SpeedCheck:
         """Ends the doubt where the two agree again for long enough."""
         if parted is not None:
             self.doubt, self._agreed_s = doubt._replace(differed_s=now.time_s), 0.0
-            # it stood meanwhile
+            # The machine stood in the meantime.
             if self._before is None or self._before.reckoned.lost != now.reckoned.lost:
                 self._before = parted
             return
@@ -211,7 +212,7 @@ class SpeedCheck:
         recent = [*self._watch.recent_marks, now]
         del recent[: bisect_left(recent, now.time_s - MARKS_KEPT_S, key=get_time_s)]
         while recent[0].reckoned.lost != now.reckoned.lost or recent[0].gap_m != now.gap_m:
-            # lost ticks and gaps only add up: what comes later is of this piece
+            # Lost ticks and gaps only add up, so later marks belong to this piece.
             del recent[0]
         since_s, end_s, judged_s = recent[0].time_s, now.time_s - SPEED_DELAY_S, 0.0
         if end_s - WINDOWS_S[0] < since_s:
@@ -229,7 +230,7 @@ class SpeedCheck:
                 <= way_m
                 <= SLIP_RANGE[1] * wheel_m + PULSE_NOISE_M
             ):
-                # the usual case: they agree as they are, whatever comes later
+                # Usually the speeds agree without a delay.
                 judged_s = window_s
                 continue
             ways_m = [
@@ -295,7 +296,8 @@ class SpeedCheck:
             if hypot(*wheel) < hypot(*speed) and changed_mps > abs(
                 now.reckoned.wheel_mps - before.reckoned.wheel_mps
             ):
-                return  # one receiver against one wheel
+                # One receiver contradicts one wheel, so nothing decides.
+                return
         if fits:
             self.doubt, self._window_s = doubt._replace(refused=refused), WINDOWS_S[-1]
             self._watch.forget_marks()

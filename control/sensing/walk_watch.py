@@ -73,7 +73,8 @@ class Mark(NamedTuple):
     time_s: float
     place: Place
     spread_m: float
-    east_m: float  # by the receiver's own speed and course
+    # Distance by the receiver's own speed and course, m.
+    east_m: float
     north_m: float
     way_m: float
     creep_m: float
@@ -98,7 +99,8 @@ class WalkWatch:
 
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
-        self._last: Mark | None = None  # of the newest epoch, taken or not
+        # Mark of the newest epoch, accepted or not.
+        self._last: Mark | None = None
 
     @property
     def recent_marks(self) -> Sequence[Mark]:
@@ -139,10 +141,11 @@ class WalkWatch:
         """Returns the drift over the longest window that shows one; None where none does."""
         found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
         for window_s in WINDOWS_S:
-            if window_s <= over_s:  # of the mark that spoke for the window before
+            # The mark covers the window before as well.
+            if window_s <= over_s:
                 continue
             k = bisect_right(marks, now_s - window_s + 1e-6, key=get_time_s)
-            # nearer by less than the arithmetic
+            # The tolerance covers rounding errors.
             if k and now_s - marks[k - 1].time_s < window_s:
                 k -= 1
             if k == 0:
@@ -173,7 +176,8 @@ def find_walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> 
     over_s, places = now.time_s - before.time_s, before.spread_m**2 + now.spread_m**2 + timing_m**2
     moved_east, moved_north = now.east_m - before.east_m, now.north_m - before.north_m
     off_m = hypot(east - moved_east, north - moved_north)
-    if off_m * off_m <= gate * places:  # the usual case: the other terms only add to it
+    # Usually this holds, because the other terms only increase the variance.
+    if off_m * off_m <= gate * places:
         return None
     way_m, creep_m, gap_m = (
         now.way_m - before.way_m,

@@ -1,5 +1,5 @@
-"""How does the control loop work on the machine model? Both closed on an injected clock:
-tractor, canopy, plant, and what landed where.
+"""Simulates the control loop with the machine model on an injected clock: tractor, canopy, plant,
+and landed material.
 
 Files:
 

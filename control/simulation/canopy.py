@@ -49,9 +49,10 @@ class CanopyField:
         field = (field - field.mean()) / field.std()
         ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
         self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)
-        self.ndvi.flags.writeable = False  # several machines may work on it
+        # The array is read-only, because several machines may share it.
+        self.ndvi.flags.writeable = False
         self._rows, self._columns = rows, columns
-        # by row: its single cells are read quicker than the array's
+        # Row by row; a memoryview reads single cells faster than the array.
         self._cells = memoryview(self.ndvi.ravel())
 
     def find_ndvi(self, east_m: float, north_m: float) -> float:

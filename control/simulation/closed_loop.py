@@ -58,7 +58,7 @@ class SimulatedTick(NamedTuple):
 
     tick: Tick
     truth: Truth
-    # that the ground at the outlet's present place was meant to get
+    # Target for the ground at the outlet's present position, kg/ha.
     target_rate_kg_ha: float
 
 
@@ -148,7 +148,7 @@ class RunRecord:
         "carried_share",
         "heading_deg",
     )
-    # of the canopy at the outlets, mean over the working width
+    # NDVI of the canopy at the outlets, mean over the working width.
     COLUMN_NAMES = (*RECORDED_COLUMNS, "ndvi")
 
     def __init__(self) -> None:

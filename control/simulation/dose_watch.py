@@ -18,6 +18,7 @@ MIN_DOSE_KG = 1e-6
 DOSE_END_S = 0.1
 # Doses are measured this far behind their place, m.
 MEASURED_BEHIND_M = 1.0
+# Time for which the driven distance is stored, s.
 WAY_KEPT_S = 30.0
 # Plants closer ahead than this when work begins cannot be met, m.
 UNREACHABLE_M = 5.0
@@ -27,14 +28,18 @@ class DoseErrors(NamedTuple):
     """Holds the errors of one run: middle of the dose minus its plant, late positive, m;
     unsigned in p50 and p95."""
 
-    plants: int  # that the machine has passed at work
+    # Number of plants that the machine has passed at work.
+    plants: int
     doses: int
     p50_m: float
     p95_m: float
     mean_m: float
-    missed: int  # plants for which there was no dose
-    doubled: int  # plants for which there was more than one
-    dose_g: float  # mean mass
+    # Number of plants without a dose.
+    missed: int
+    # Number of plants with more than one dose.
+    doubled: int
+    # Mean mass of a dose, g.
+    dose_g: float
 
 
 class DoseWatch:
@@ -43,16 +48,21 @@ class DoseWatch:
     def __init__(self, plants_m: Array, seed: int, measured_sd_m: float) -> None:
         self.plants_m = plants_m
         self.errors_m: list[float] = []
-        self.for_plant: list[int] = []  # of each dose ordered
+        # Plant of each ordered dose.
+        self.for_plant: list[int] = []
         self.mass_kg: list[float] = []
         self._rng = np.random.default_rng(seed)
         self._sd_m = measured_sd_m
-        self._way: deque[tuple[float, float]] = deque()  # time, driven
-        self._dose: tuple[float, float] | None = None  # kg, kg s of landing
+        # Time, s, and driven distance, m.
+        self._way: deque[tuple[float, float]] = deque()
+        # Mass of the present dose, kg, and its moment of the landing time, kg s.
+        self._dose: tuple[float, float] | None = None
         self._flowed_s = 0.0
         self._number = 0
-        self._falling: deque[tuple[float, float]] = deque()  # lands, kg
-        self._lying: deque[tuple[float, float]] = deque()  # place, error: not yet measured
+        # Landing time, s, and mass, kg.
+        self._falling: deque[tuple[float, float]] = deque()
+        # Position and error of the doses that were not measured yet.
+        self._lying: deque[tuple[float, float]] = deque()
         self._last_s = 0.0
         self._from_m = float("inf")
         self._to_m = float("-inf")

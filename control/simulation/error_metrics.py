@@ -44,24 +44,30 @@ class RunErrors(NamedTuple):
     late positive."""
 
     rate_error_kg_ha: float
-    rate_error_percent: float  # of the mean target
-    bias_kg_ha: float  # mean landed minus mean target
+    # Rate error as a share of the mean target, %.
+    rate_error_percent: float
+    # Mean landed minus mean target rate, kg/ha.
+    bias_kg_ha: float
     mean_target_kg_ha: float
     mean_landed_kg_ha: float
-    place_error_m: float  # mean of |place error|
+    # Mean absolute place error, m.
+    place_error_m: float
     place_bias_m: float
     place_p50_m: float
     place_p95_m: float
-    steps: int  # whose half-way point was found
-    # undone or overtaken by the next step before they were half-way
+    # Number of steps with a half-way point.
+    steps: int
+    # Number of steps that the next step reversed or overtook before half-way.
     steps_lost: int
     released_kg: float
     landed_kg: float
     area_ha: float
-    # against the graded need; None: no rule, or nothing needed
+    # Error against the graded need, kg/ha; None without a rule, or without a need.
     graded_error_kg_ha: float | None = None
-    graded_error_percent: float | None = None  # of the mean need
-    smooth_error_kg_ha: float | None = None  # against the smooth need
+    # Error as a share of the mean need, %.
+    graded_error_percent: float | None = None
+    # Error against the smooth need, kg/ha.
+    smooth_error_kg_ha: float | None = None
     smooth_error_percent: float | None = None
 
 
@@ -77,12 +83,17 @@ class RunLanding(NamedTuple):
     """Holds the ground of a run and where the material of each tick landed."""
 
     ground: LandedGround
-    place_m: Array  # of each tick's parcel
-    rate_kg_ha: Array  # landed where the outlet is in each tick
-    target_kg_ha: Array  # by bin of the ground
-    landed_kg_ha: Array  # by bin
-    inside: Array  # by bin: 1 where work was on and a target known
-    # by bin: of the canopy, mean over the working width
+    # Landing position of each tick's parcel, m.
+    place_m: Array
+    # Rate that landed at the outlet's position in each tick, kg/ha.
+    rate_kg_ha: Array
+    # Target by bin of the ground, kg/ha.
+    target_kg_ha: Array
+    # Landed rate by bin, kg/ha.
+    landed_kg_ha: Array
+    # By bin, 1 for work with a known target, else 0.
+    inside: Array
+    # NDVI of the canopy by bin, mean over the working width.
     ndvi: Array
 
 

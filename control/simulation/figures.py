@@ -20,7 +20,8 @@ MIN_STEP_SHARE = 0.03
 class DriveMoves(NamedTuple):
     """Holds the moves of one run: changed set-points in an hour of work with flow allowed."""
 
-    # from the command to 90 % of the step in the stream that leaves; None: no step
+    # Median time from the command to 90 % of the step in the released stream, s; None without
+    # steps.
     reach_p50_s: float | None
     reach_p95_s: float | None
     steps: int

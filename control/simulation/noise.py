@@ -29,7 +29,7 @@ class CorrelatedNoise:
         self._sd = sd
         self._correlation_s = correlation_s
         self.value = sd * normals.draw_number()
-        # of the step before; steps are mostly alike
+        # Values of the last step, because steps usually have equal lengths.
         self._dt_s = self._keep = self._fresh_sd = 0.0
 
     def advance_noise(self, dt_s: float) -> float:

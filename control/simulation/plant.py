@@ -70,13 +70,18 @@ class SensorReadings(NamedTuple):
     pitch_deg: float
     roll_deg: float
     work_switch: bool | None
-    wheel_pulse_s: float | None = None  # when the newest pulse came
-    plants: tuple[PlantSeen, ...] = ()  # reported by the camera in this step
-    speed_told: SpeedPlan | None = None  # by the tractor in this step
-    canopy_index: str = "ndvi"  # that the heads give
-    # of the sections, by their own switches; None: no valves
+    # Time of the newest pulse, s.
+    wheel_pulse_s: float | None = None
+    # Plants that the camera reports in this step.
+    plants: tuple[PlantSeen, ...] = ()
+    # Announcement of the tractor in this step.
+    speed_told: SpeedPlan | None = None
+    # Index that the heads read.
+    canopy_index: str = "ndvi"
+    # Positions of the sections' valves by their own switches; None for a machine without valves.
     valves_open: tuple[bool, ...] | None = None
-    shaft_effort: float | None = None  # None: the drive tells none
+    # Effort of the shaft; None where the drive reports none.
+    shaft_effort: float | None = None
     gate_effort: float | None = None
 
 
@@ -86,24 +91,31 @@ class Truth(NamedTuple):
     time_s: float
     shaft_rpm: float
     opening_mm: float
-    flow_kg_s: float  # mean over the step
-    # of what was released in it, if the shaft keeps its speed
+    # Mean flow over the step, kg/s.
+    flow_kg_s: float
+    # Drop time of the material released in the step at a constant shaft speed, s.
     drop_s: float
-    settled_drop_s: float  # of that, what the tube alone takes
-    driven_m: float  # outlet along its path, at the step's end
+    # Part of the drop time in the tube, s.
+    settled_drop_s: float
+    # Distance of the outlet along its path at the end of the step, m.
+    driven_m: float
     speed_mps: float
     hopper_kg: float
     east_m: float
     north_m: float
     in_pass: bool
     refill_kg: float
-    doses: int = 0  # of point mode that the shaft has started
-    canopy: HeadRow | None = None  # that the outlets pass
+    # Number of doses that the shaft has started.
+    doses: int = 0
+    # Canopy at the outlets.
+    canopy: HeadRow | None = None
     heading_deg: float = 0.0
-    # released in the step by each section; none: no valves
+    # Mass released in the step by each section, kg; empty for a machine without valves.
     section_kg: tuple[float, ...] = ()
-    open_share: float = 1.0  # of the working width, mean over the step
-    carried_share: float = 1.0  # of the pace in the tube, that the stream sets
+    # Mean open share of the working width over the step.
+    open_share: float = 1.0
+    # Share of the pace in the tube that the stream determines.
+    carried_share: float = 1.0
 
 
 class Plant:
@@ -158,11 +170,12 @@ class Plant:
             SimulatedCamera(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
         )
         self._dose: DoseOrder | None = None
-        # when the shaft will begin the doses that were accepted
+        # Start times of the accepted doses, s.
         self._begins_s: deque[float] = deque()
         self._doses = 0
         self._leaves_s = 0.0
-        self.parked = False  # the driver stops, or does not start
+        # Whether the driver stops or does not start.
+        self.parked = False
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         corners = make_field_boundary(sim, width, job.field.pass_heading_deg)
@@ -181,10 +194,10 @@ class Plant:
         )
         self._driver = TractorDriver(sim, seed + 4)
         self._normal = NormalNumbers(seed + 1)
-        # of its own: a drive that tells its effort changes nothing else
+        # Separate random numbers, so that a drive with effort changes no other noise.
         self._effort_normal = NormalNumbers(seed + 5)
         self._on_hopper, self._lot_percent = HopperDisturbance(sim, seed + 6), 0.0
-        # speed, opening, and the gate's speed
+        # Shaft speed, opening, and the gate's speed.
         self._before = 0.0, machine.set_points.opening_mm, 0.0
         self._asked_rpm = 0.0
         noise = machine.noise

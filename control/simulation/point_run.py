@@ -20,13 +20,16 @@ class PointTruth(NamedTuple):
     link_sd_s: float = 0.03
     extra_delay_s: float = 0.15
     lever_arm_m: float = 0.04
-    # of the dose's middle on the ground, its own scatter
+    # Standard deviation of the dose's middle on the ground, m.
     place_sd_m: float = 0.015
-    seen_sd_m: float = 0.01  # of a plant in the picture
-    odometer_percent: float = 0.3  # the wheel reads more than the way
-    # of the filtered speed, with a correlation of 0.25 s
+    # Standard deviation of a plant's position in the picture, m.
+    seen_sd_m: float = 0.01
+    # Relative error of the wheel's distance, %.
+    odometer_percent: float = 0.3
+    # Standard deviation of the filtered speed, m/s, with a correlation time of 0.25 s.
     speed_sd_mps: float = 0.01
-    measured_sd_m: float = 0.01  # of the error that the threshold learns from
+    # Standard deviation of the errors from which the threshold is learnt, m.
+    measured_sd_m: float = 0.01
 
 
 class PointRun(NamedTuple):
@@ -36,7 +39,8 @@ class PointRun(NamedTuple):
     error_m: Array
     plants: int
     missed: int
-    threshold_m: Array  # (doses,) that each was commanded with
+    # Threshold of each dose, m: (doses,).
+    threshold_m: Array
 
 
 def simulate_point_run(

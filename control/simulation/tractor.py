@@ -56,7 +56,8 @@ class TractorPath:
                 True,
             )
         turned = radians(leg.turn_deg) * along / leg.length_m
-        radius = leg.length_m / radians(leg.turn_deg)  # right turns positive
+        # Right turns are positive.
+        radius = leg.length_m / radians(leg.turn_deg)
         centre_e = leg.east_m + radius * cos(heading)
         centre_n = leg.north_m - radius * sin(heading)
         angle = heading + turned
@@ -154,7 +155,8 @@ class TractorDriver:
         self._time_s = 0.0
         self._stopped = False
         self._dt_s = 0.05
-        self._to_come: deque[float] = deque()  # wander of the next ticks
+        # Wander of the next ticks.
+        self._to_come: deque[float] = deque()
         self._rng = np.random.default_rng(seed)
 
     def advance_speed(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:

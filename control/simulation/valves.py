@@ -18,7 +18,7 @@ class SimulatedValves:
         self.stuck: dict[int, bool] = {}
         self._valves = [section.valve or Valve() for section in machine.sections]
         self._shares = [strip.share for strip in machine.switched_strips]
-        # from when, open
+        # Times of the changes, and the new positions.
         self._to_come: list[deque[tuple[float, bool]]] = [deque() for _ in self._valves]
         self._commanded = [False] * len(self._valves)
         self._open = [False] * len(self._valves)

@@ -1,5 +1,5 @@
-"""Which target holds where? Profiles along the track, and the queue of rate changes that looks
-ahead.
+"""Finds the target of each position: profiles along the track, and the queue of rate changes with
+look-ahead.
 
 Files:
 

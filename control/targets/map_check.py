@@ -18,25 +18,33 @@ M2_PER_HA = 10_000.0
 class MapCheck(NamedTuple):
     """Holds the areas, ha, each place once, and rates of a checked map. None: unknown."""
 
-    mapped_ha: float  # ground that has a rate in the map
-    field_ha: float | None  # the field's
-    outside_ha: float  # mapped, but outside the field: not used
-    uncovered_ha: float  # of the field, without a rate in the map
-    # between map and field where they do not touch; 0: they do, or no field
+    # Ground with a rate in the map, ha.
+    mapped_ha: float
+    # Area of the field, ha.
+    field_ha: float | None
+    # Mapped ground outside the field, which is not used, ha.
+    outside_ha: float
+    # Ground of the field without a rate in the map, ha.
+    uncovered_ha: float
+    # Distance between map and field, m; 0 where they touch, or without a field.
     away_m: float
-    # in more than one zone: the first in the file holds
+    # Ground in several zones, where the first in the file applies, ha.
     overlap_ha: float
-    limit_kg_ha: float | None  # the crop's
-    above_ha: float  # in the field with a rate above the limit
-    above_kg: float  # what the limit takes off there
-    highest_kg_ha: float  # of the map's rates in the field
-    # what is applied on mapped ground outside the field; a fence stops it
+    # Limit of the crop, kg/ha.
+    limit_kg_ha: float | None
+    # Ground of the field with a rate above the limit, ha.
+    above_ha: float
+    # Mass that the limit removes there, kg.
+    above_kg: float
+    # Highest rate of the map in the field, kg/ha.
+    highest_kg_ha: float
+    # Rate on mapped ground outside the field, kg/ha; a field edge in the job stops it.
     beyond_kg_ha: float = 0.0
-    # what is applied in the field where the map has no rate
+    # Rate in the field where the map has none, kg/ha.
     uncovered_kg_ha: float = 0.0
-    # what is applied in the field where the map lies elsewhere
+    # Rate in the field when the map is elsewhere, kg/ha.
     away_kg_ha: float = 0.0
-    # it lies elsewhere, and on the field once latitude and longitude are exchanged
+    # Whether the map is elsewhere, but on the field after exchange of latitude and longitude.
     swapped: bool = False
 
 

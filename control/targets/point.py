@@ -149,7 +149,8 @@ class PointMode:
         self._latest_m = latest_m
         self.rest_s = rest_s
         self._done_to_m = float("-inf")
-        self._free_s = float("-inf")  # on the clock of commands
+        # Time at which the shaft is free for the next dose, on the clock of commands, s.
+        self._free_s = float("-inf")
         self.doses = 0
         self.missed = 0
 
