@@ -23,7 +23,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.plant import Plant, SensorReadings, Truth
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from topdress.drivers.files.prescriptions.for_job import read_job_map
+from topdress.drivers.files.prescriptions.job_targets import read_job_map
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.faults import DriveRunaway, VirtualRunaway

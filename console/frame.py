@@ -213,6 +213,6 @@ def parse_frame(message: dict[str, Any]) -> Frame:
     """Returns the frame of a worker's message. Unknown keys are ignored, so that an older console
     can show a newer worker. Raises ValueError, one line."""
     # This import is local, because the worker, which writes frames, starts without pydantic.
-    from topdress.drivers.files.plain import build_from_plain
+    from topdress.drivers.files.plain_data import build_from_plain
 
     return build_from_plain(Frame, message)

@@ -42,7 +42,7 @@ DIAGNOSE = (
     "topdress.console.cli.diagnose, topdress.console.reports.diagnosis_text, "
     "topdress.control.diagnosis.runs.diagnose, "
     "topdress.control.diagnosis.runs.several, topdress.control.diagnosis.tables.diagnose, "
-    "topdress.drivers.files.opened"
+    "topdress.drivers.files.file_content"
 )
 FIRST_PICTURE = (
     "topdress.console.app.app, topdress.console.app.pages.run.page, "

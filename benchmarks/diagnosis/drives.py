@@ -453,7 +453,7 @@ def run(case: Case, folder: Path) -> Ran:
     from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
     from topdress.drivers.files.imports.mapping import IMPORT_KIND
-    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.table_reader import read_raw_table
     from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_filled_log
 

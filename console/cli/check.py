@@ -190,7 +190,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP_KIND
-    from topdress.drivers.files.prescriptions.for_job import find_map_check, read_job_plants
+    from topdress.drivers.files.prescriptions.job_targets import find_map_check, read_job_plants
     from topdress.drivers.files.setup import find_year_nitrogen, load_job_product
     from topdress.drivers.plain_text import RefusedInput
 

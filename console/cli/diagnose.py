@@ -335,7 +335,7 @@ def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None)
 def _is_run_data(data: list[Path]) -> bool:
     """Returns whether the data are a run log of any program, by the import where its columns have
     no names; otherwise they are a bench table."""
-    from topdress.drivers.files.opened import FileContent
+    from topdress.drivers.files.file_content import FileContent
 
     file = FileContent(data[0])
     return not file.is_table or not file.names or file.content_kind == "log"

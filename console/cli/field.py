@@ -198,7 +198,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
 
 
 def _print_field(data: FieldData, as_json: bool) -> None:
-    from topdress.drivers.files.plain import convert_to_plain
+    from topdress.drivers.files.plain_data import convert_to_plain
 
     boundary = data.boundary(data.plane())
     if as_json:

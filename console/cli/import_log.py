@@ -20,7 +20,7 @@ from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from topdress.drivers.files.imports.guessed import ImportGuess
+    from topdress.drivers.files.imports.guess_result import ImportGuess
     from topdress.drivers.files.imports.mapping import ImportFile
     from topdress.drivers.files.imports.raw import RawTable
 
@@ -193,7 +193,7 @@ def _write_guess(
     files: list[Path], place: Path, given: _ImportOptions, force: bool
 ) -> _ImportAnswer:
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.imports.guessed import format_first_import
+    from topdress.drivers.files.imports.guess_result import format_first_import
 
     refuse_collisions(_list_read_files(files), [Output((place,))], force)
     raw, found = _guess_import(files, given)
@@ -213,7 +213,7 @@ def _list_element_notes(raw: RawTable) -> list[str]:
 def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, ImportGuess]:
     from topdress.drivers.files.imports.guess import guess_import_file
     from topdress.drivers.files.imports.mapping import Source
-    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.table_reader import read_raw_table
 
     raw = read_raw_table(files[0], Source.model_validate(given.said))
     return raw, guess_import_file(raw, given.full)
@@ -233,7 +233,7 @@ def _import_files(
     from topdress.drivers.files.imports.convert import convert_table
     from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import is_import_of, write_imported_log
-    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.table_reader import read_raw_table
 
     reads = [*_list_read_files(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(
@@ -275,8 +275,8 @@ def _list_written_files(out: Path) -> tuple[Path, ...]:
 def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     """Returns whether a run log is only converted to the other format: text to Parquet, or
     topdress's Parquet to text."""
+    from topdress.drivers.files.file_content import FileContent
     from topdress.drivers.files.log_store import STORE_SUFFIXES, is_log_store
-    from topdress.drivers.files.opened import FileContent
 
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False

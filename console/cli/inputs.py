@@ -89,7 +89,7 @@ def require_suffix(option: str, path: Path | None, *endings: str) -> None:
 
 def refuse_run_log(table: Path, command: str) -> None:
     """Raises CommandError for a run log where a bench table is needed."""
-    from topdress.drivers.files.opened import FileContent
+    from topdress.drivers.files.file_content import FileContent
 
     if FileContent(table).content_kind == "log":
         raise CommandError(
@@ -100,7 +100,7 @@ def refuse_run_log(table: Path, command: str) -> None:
 
 def refuse_bench_table(log: Path, command: str) -> None:
     """Raises CommandError for a bench table where a run log is needed."""
-    from topdress.drivers.files.opened import FileContent
+    from topdress.drivers.files.file_content import FileContent
 
     file = FileContent(log)
     if file.is_table and file.content_kind == "table":

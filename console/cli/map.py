@@ -24,7 +24,7 @@ from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
     from topdress.drivers.files.exports.as_applied import AsApplied
-    from topdress.drivers.files.prescriptions.words import ImportedMap, RateChoice
+    from topdress.drivers.files.prescriptions.map_choices import ImportedMap, RateChoice
     from topdress.drivers.files.read_log import RunLog
 
 MAX_SHOWN_RATES = 20
@@ -134,9 +134,9 @@ def convert_map(
     force: ForceOption = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
+    from topdress.drivers.files.file_content import FileContent
     from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES
-    from topdress.drivers.files.opened import FileContent
-    from topdress.drivers.files.prescriptions.words import RateChoice
+    from topdress.drivers.files.prescriptions.map_choices import RateChoice
 
     refuse_other_kinds([source], MAP_FILE_KINDS)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
@@ -177,7 +177,7 @@ def convert_map(
 
 def _list_read_files(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from topdress.drivers.files.archives import list_opened_files
-    from topdress.drivers.files.opened import FileContent
+    from topdress.drivers.files.file_content import FileContent
 
     own = (
         list_log_files(source)
@@ -228,13 +228,13 @@ def _convert_prescription(
     as_json: bool,
 ) -> None:
     from topdress.control.recordings.finding import Finding
-    from topdress.drivers.files.prescriptions.read import (
+    from topdress.drivers.files.prescriptions.map_reader import (
         apply_canopy_rule,
         choose_index_column,
         merge_map_zones,
         read_prescription,
     )
-    from topdress.drivers.files.prescriptions.write import describe_losses, write_prescription
+    from topdress.drivers.files.prescriptions.map_writer import describe_losses, write_prescription
 
     if job is None:
         read = read_prescription(source, choice)
@@ -351,7 +351,7 @@ def _export_log(
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
     from topdress.drivers.files.exports.columns import summarise_export
-    from topdress.drivers.files.exports.write import write_as_applied
+    from topdress.drivers.files.exports.export_writer import write_as_applied
 
     given = None
     if product is not None or nitrogen is not None:

@@ -83,7 +83,7 @@ class PlainOutput(io.TextIOWrapper):
 def print_json(found: Any) -> None:
     """Prints a line of JSON with the names of fields, which contain their units; null for a value
     that is no number."""
-    from topdress.drivers.files.plain import convert_to_plain as as_data
+    from topdress.drivers.files.plain_data import convert_to_plain as as_data
 
     typer.echo(
         format_json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from topdress.control.simulation.closed_loop import RunRecord
     from topdress.control.simulation.dose_watch import DoseWatch
     from topdress.control.targets.point import DoseThreshold
-    from topdress.drivers.files.prescriptions.for_job import LoopTargets
+    from topdress.drivers.files.prescriptions.job_targets import LoopTargets
     from topdress.drivers.files.run_log import PlainLogWriter
     from topdress.drivers.files.run_meta import RunMeta
     from topdress.drivers.files.setup import Setup
@@ -112,7 +112,7 @@ def run_simulation(
     from topdress.control.simulation.assembly import add_simulated_field
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.prescriptions.for_job import find_map_check, read_loop_targets
+    from topdress.drivers.files.prescriptions.job_targets import find_map_check, read_loop_targets
     from topdress.drivers.files.setup import find_index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.read_today())

@@ -204,7 +204,7 @@ class DiagnosisFiles:
     def _run_order(
         self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
-        from topdress.drivers.files.plain import build_from_plain
+        from topdress.drivers.files.plain_data import build_from_plain
 
         self._run_job_process(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW_NAME).read_text(encoding="utf-8"))
@@ -372,10 +372,9 @@ def _find_source_kind(path: Path) -> str | None:
     """Returns "run" or the kind of a bench table; None for a file that the import may read."""
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
-    from topdress.drivers.files.imports.import_errors import TableError
-
     # This import takes a second and is needed for few files.
-    from topdress.drivers.files.opened import FileContent
+    from topdress.drivers.files.file_content import FileContent
+    from topdress.drivers.files.imports.import_errors import TableError
 
     file = FileContent(path)
     try:

@@ -171,7 +171,7 @@ def _diagnose_and_write(
     from topdress.console.app.pages.diagnosis.adoption import list_selections
     from topdress.console.services.diagnosis_view import calc_mean_target, make_diagnosis_view
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.plain import convert_to_plain
+    from topdress.drivers.files.plain_data import convert_to_plain
 
     folder = Path(order.folder)
     tell(0.0, "reading")
@@ -277,7 +277,7 @@ def _print_json_line(what: dict[str, Any]) -> None:
 def run_job(path: str) -> int:
     """Carries out the order in the file at `path`; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
-    from topdress.drivers.files.plain import build_from_plain
+    from topdress.drivers.files.plain_data import build_from_plain
 
     if hasattr(os, "nice"):
         os.nice(DIAGNOSIS_NICENESS)

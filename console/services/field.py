@@ -65,7 +65,7 @@ def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """Returns the plane of a job without an outline, which is its map's plane; None for other jobs.
     `log_folder` is the folder of the log."""
     from topdress.drivers.files.kinds import JOB_KIND
-    from topdress.drivers.files.prescriptions.for_job import read_job_map
+    from topdress.drivers.files.prescriptions.job_targets import read_job_map
 
     try:
         job = JOB_KIND.model.model_validate(dict(meta.job or {}))
@@ -95,7 +95,7 @@ def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Returns outline and plan of a job whose files are in `folder`. Raises ValueError, OSError."""
     from topdress.control.field.boundary import Boundary
-    from topdress.drivers.files.prescriptions.for_job import read_job_map
+    from topdress.drivers.files.prescriptions.job_targets import read_job_map
 
     rings: tuple[Ring, ...] = ()
     area_ha = None
@@ -125,7 +125,7 @@ def _sample_planned_rates(
     the field."""
     from topdress.control.field.boundary import Boundary
     from topdress.control.orders import TargetSource
-    from topdress.drivers.files.prescriptions.read import read_prescription
+    from topdress.drivers.files.prescriptions.map_reader import read_prescription
 
     assert job.target.map is not None
     south, west, north, east = read_prescription(folder / job.target.map).data.box_deg

@@ -70,11 +70,11 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.convert import convert_table
     from topdress.drivers.files.imports.guess import guess_import_file
-    from topdress.drivers.files.imports.guessed import format_first_import
+    from topdress.drivers.files.imports.guess_result import format_first_import
     from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
     from topdress.drivers.files.imports.mapping import IMPORT_KIND
-    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.table_reader import read_raw_table
 
     data, place = _find_import_pair(path)
     raw = read_raw_table(data)

@@ -126,7 +126,7 @@ class JobFiles:
         takes seconds.
         """
         from topdress.drivers.files.archives import list_opened_files
-        from topdress.drivers.files.prescriptions.for_job import find_map_check
+        from topdress.drivers.files.prescriptions.job_targets import find_map_check
 
         if setup.job.target.map is None:
             return "", None, ""
@@ -246,14 +246,14 @@ class JobFiles:
         from topdress.console.services.field import make_job_picture
         from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
         from topdress.control.targets.prescription import calc_rate_shares
-        from topdress.drivers.files.prescriptions.for_job import find_map_check
-        from topdress.drivers.files.prescriptions.read import read_prescription
-        from topdress.drivers.files.prescriptions.words import (
+        from topdress.drivers.files.prescriptions.job_targets import find_map_check
+        from topdress.drivers.files.prescriptions.map_choices import (
             UNIT_NOT_NAMED,
             RateChoice,
             RateQuestion,
         )
-        from topdress.drivers.files.prescriptions.write import write_prescription
+        from topdress.drivers.files.prescriptions.map_reader import read_prescription
+        from topdress.drivers.files.prescriptions.map_writer import write_prescription
         from topdress.drivers.files.setup import build_setup
 
         found = self._load_files()
@@ -486,7 +486,7 @@ class JobFiles:
     ) -> tuple[str, ...]:
         """Exports the as-applied map of each part of the job. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import build_as_applied
-        from topdress.drivers.files.exports.write import write_as_applied
+        from topdress.drivers.files.exports.export_writer import write_as_applied
 
         return self._write_part_files(
             log_path,

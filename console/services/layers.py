@@ -161,9 +161,9 @@ def _find_working_width_m(meta: RunMeta | None) -> float:
 
 def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
     """Returns the log's own working width: its machine's, else the median of its column, m."""
+    from topdress.drivers.files.imports.column_vocabulary import find_subject, fold_column_name
     from topdress.drivers.files.imports.header import split_unit_name
     from topdress.drivers.files.imports.units import find_named_unit
-    from topdress.drivers.files.imports.words import find_subject, fold_column_name
 
     for name in log.columns:
         word, unit = split_unit_name(name)
@@ -185,8 +185,8 @@ def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
 
 def _find_harvest_column(log: RunLog) -> tuple[str, HarvestColumn] | None:
     """Returns the column of the harvest; None without such a column."""
+    from topdress.drivers.files.imports.column_vocabulary import HARVEST_WORDS, fold_column_name
     from topdress.drivers.files.imports.header import split_unit_name
-    from topdress.drivers.files.imports.words import HARVEST_WORDS, fold_column_name
 
     for word in HARVEST_WORDS:
         for name, values in log.columns.items():

@@ -13,7 +13,7 @@ from topdress.drivers.files.file_sniffer import (
     TABLE_KINDS,
     sniff_file_kind,
 )
-from topdress.drivers.files.prescriptions.words import NotAMapError
+from topdress.drivers.files.prescriptions.map_choices import NotAMapError
 from topdress.drivers.plain_text import Reason, RefusedInput
 
 MAP_KINDS = (*TABLE_KINDS, "geotiff", "gpkg", "kml", "kmz")

@@ -102,7 +102,7 @@ def is_map_likely(path: Path) -> bool:
     except (OSError, zipfile.BadZipFile):
         return False
     if ending == ".csv":
-        from topdress.drivers.files.opened import FileContent
+        from topdress.drivers.files.file_content import FileContent
 
         try:
             return FileContent(path).content_kind == "map"

@@ -15,7 +15,7 @@ from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import validate_config
 from topdress.drivers.files.kinds import CROP_KIND, JOB_KIND, MACHINE_KIND
-from topdress.drivers.files.prescriptions.for_job import read_loop_targets
+from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.setup import Setup, load_setup

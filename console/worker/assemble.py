@@ -43,7 +43,7 @@ from topdress.drivers.devices.board_frames import BOARD_STOP_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
 from topdress.drivers.files.config import ConfigError, LoadedConfig
 from topdress.drivers.files.kinds import CAB_KIND, MACHINE_KIND
-from topdress.drivers.files.prescriptions.for_job import LoopTargets, read_loop_targets
+from topdress.drivers.files.prescriptions.job_targets import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import (

@@ -168,7 +168,9 @@ def _read_snapshot_data(path: Path) -> dict[str, Any]:
 
 def _check_snapshot(path: Path, data: dict[str, Any]) -> Snapshot:
     """Return the snapshot of a file's data. Raises ValueError."""
-    from topdress.drivers.files.plain import build_from_plain  # pydantic: only where a job goes on
+    from topdress.drivers.files.plain_data import (
+        build_from_plain,  # pydantic: only where a job goes on
+    )
 
     try:
         for name in ("began_utc", "saved_utc"):

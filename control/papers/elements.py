@@ -127,7 +127,7 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
         LAG,
         "prescription map: grid with a rate a cell",
         YES,
-        "drivers/files/prescriptions/read.py",
+        "drivers/files/prescriptions/map_reader.py",
         "",
     ),
     (
@@ -163,7 +163,7 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
         POINT,
         "measured dose errors (section 2.4)",
         YES,
-        "console/app/pages/run/keys.py; drivers/files/prescriptions/for_job.py",
+        "console/app/pages/run/keys.py; drivers/files/prescriptions/job_targets.py",
         "measured behind the machine, by key and by file; no sensor measures them",
     ),
     (

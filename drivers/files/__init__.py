@@ -16,6 +16,7 @@ Files:
 - `extras`: Which optional parts of topdress (extras of pyproject.toml) are installed
 - `farm_lines`: Which lines does a farm record contain, as `topdress record` writes it
 - `fields`: How are fields of other programs read and written?
+- `file_content`: Which content does a file have
 - `file_sniffer`: Which kind of file is a file, by its first bytes and its name
 - `foreign`: How are foreign logs corrected, whose names
 - `geopackage`: How is a GeoPackage (OGC 12-128r19) read by SQLite?
@@ -31,10 +32,9 @@ Files:
 - `log_store`: How is a run log stored as Parquet?
 - `log_text`: How is a log row written as a line of text?
 - `ogr`: How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage)?
-- `opened`: Which content does a file have
 - `outlines`: How often do a map's outlines overlap or cross?
 - `parquet_limits`: How much content does a Parquet file have?
-- `plain`: How do models become plain data and JSON schema, and how are they read back?
+- `plain_data`: How do models become plain data and JSON schema, and how are they read back?
 - `prescriptions`: How are prescription files read and written
 - `read_log`: How are run logs read? Topdress's own logs are read up to their last whole row
 - `replay`: Which measurements did the control loop receive, and which commands did it give

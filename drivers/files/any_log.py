@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.file_sniffer import sniff_file_kind
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_log_store
-from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import RunLog, build_log, read_filled_log
 from topdress.drivers.files.run_meta import RunMeta
 
@@ -121,7 +121,7 @@ def read_with_mapping(
     OSError : a file cannot be opened.
     """
     from topdress.drivers.files.imports.import_errors import UnsureImportError
-    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.table_reader import read_raw_table
 
     place = find_import_file(path)
     if place is not None:

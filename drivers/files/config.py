@@ -20,7 +20,7 @@ from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.config_error import ConfigError as ConfigError
 from topdress.drivers.files.config_words import explain_errors, suggest_nearest
 from topdress.drivers.files.limits import CONFIG_LIMIT
-from topdress.drivers.files.plain import convert_to_plain, make_model_schema
+from topdress.drivers.files.plain_data import convert_to_plain, make_model_schema
 from topdress.drivers.files.yaml_text import KeyPath, YamlError, dump_yaml, parse_yaml
 
 M = TypeVar("M", bound=BaseModel)

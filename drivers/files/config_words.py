@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-from topdress.drivers.files.plain import make_model_schema
+from topdress.drivers.files.plain_data import make_model_schema
 from topdress.drivers.files.yaml_text import KeyPath
 
 # Largest number of letters of a value in a message.

@@ -20,8 +20,8 @@ from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHE
 from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.header_names import RenamedHeader
 from topdress.drivers.files.header_names import rename_header as renamed
+from topdress.drivers.files.imports.column_vocabulary import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 SecondsArray = NDArray[np.float64]
 # Share of numbers in a time column above which the other cells are not dates.

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from topdress.drivers.files.any_log import convert_log_columns, open_any_log, read_with_mapping
 from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import ImportFile
 from topdress.drivers.files.lenient_line_reader import LenientLineReader
 from topdress.drivers.files.log_store import is_log_store
-from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
 
@@ -118,7 +118,7 @@ class ForeignText:
         return good.found
 
     def _convert_lines(self, lines: list[bytes]) -> Columns:
-        from topdress.drivers.files.imports.read import read_raw_table
+        from topdress.drivers.files.imports.table_reader import read_raw_table
 
         assert self._mapping is not None
         raw = read_raw_table(self.path, self._mapping.source, self._head + b"".join(lines))

@@ -20,13 +20,13 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.extras import format_install_line
 from topdress.drivers.files.limits import check_file, read_json
-from topdress.drivers.files.prescriptions.projected import (
+from topdress.drivers.files.prescriptions.map_choices import NotAMapError
+from topdress.drivers.files.prescriptions.map_projection import (
     Projection,
     TransverseMercator,
     find_national_grid,
     parse_projection,
 )
-from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, find_json_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 from topdress.drivers.plugins import PluginFault, has_format_plugin

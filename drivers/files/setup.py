@@ -29,7 +29,7 @@ from topdress.drivers.files.kinds import (
     MACHINE_KIND,
     PRODUCT_KIND,
 )
-from topdress.drivers.files.prescriptions.for_job import list_job_files
+from topdress.drivers.files.prescriptions.job_targets import list_job_files
 from topdress.drivers.files.weather import WeatherError, count_growing_days
 
 # Number of relays of a rate module besides the drive's own.

@@ -36,7 +36,7 @@ from topdress.console.reports.diagnosis_wording import find_effect_title, format
 from topdress.control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from topdress.control.machine.machine import CATALOGUE
 from topdress.control.orders import Do
-from topdress.drivers.files.plain import build_from_plain, convert_to_plain
+from topdress.drivers.files.plain_data import build_from_plain, convert_to_plain
 
 from tests.app.made_up.diagnosis import SOURCES, MadeUpDiagnosis, having, sample_found
 

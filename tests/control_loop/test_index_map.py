@@ -204,8 +204,8 @@ def write_tif(
 def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     """As a satellite gives it: water below 0, a band with or without a name; what is scaled is
     refused."""
-    from topdress.drivers.files.prescriptions.for_job import read_loop_targets
-    from topdress.drivers.files.prescriptions.words import PrescriptionError
+    from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
+    from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     job: Job = setup.job.model_copy(

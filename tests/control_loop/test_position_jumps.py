@@ -23,7 +23,7 @@ from topdress.control.sensing import Sensing, SensingLimits
 from topdress.control.sensing.position_gate import PositionGate
 from topdress.control.sensing.walk_watch import WINDOWS_S
 from topdress.control.simulation.assembly import add_simulated_field
-from topdress.drivers.files.prescriptions.for_job import read_job_map
+from topdress.drivers.files.prescriptions.job_targets import read_job_map
 from topdress.drivers.files.setup import load_setup
 
 from tests.control_loop.closed import Closed

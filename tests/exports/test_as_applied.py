@@ -30,7 +30,7 @@ from topdress.drivers.files.exports.as_applied import (
     build_as_applied,
 )
 from topdress.drivers.files.exports.columns import EXPORT_COLUMNS
-from topdress.drivers.files.exports.write import write_as_applied
+from topdress.drivers.files.exports.export_writer import write_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta

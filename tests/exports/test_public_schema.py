@@ -21,9 +21,9 @@ from topdress.control.targets.prescription import (
 )
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct
 from topdress.drivers.files.exports.isoxml import write_isoxml_task
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import PrescriptionError, RateChoice
-from topdress.drivers.files.prescriptions.write import (
+from topdress.drivers.files.prescriptions.map_choices import PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
+from topdress.drivers.files.prescriptions.map_writer import (
     MAX_RATE_LEVELS,
     list_map_zones,
     write_prescription,

@@ -17,9 +17,9 @@ import pytest
 from topdress.control.log_row import COLUMNS, LogRow
 from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_log_store, write_log_store
-from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import RunLog, read_filled_log, read_log, read_log_meta
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta

@@ -17,8 +17,8 @@ import pytest
 import shapely
 from topdress.drivers.files import geopackage
 from topdress.drivers.files.fields.shapes import read_field_shapes
-from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.imports.table_reader import read_raw_table
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 ENDINGS = (

@@ -30,7 +30,7 @@ from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import ConfigError
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.limits import (
     FILE_LIMITS,
     BeyondLimits,
@@ -39,8 +39,8 @@ from topdress.drivers.files.limits import (
     read_json,
 )
 from topdress.drivers.files.log_store import read_log_store
-from topdress.drivers.files.prescriptions.for_job import read_plant_places
-from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.job_targets import read_plant_places
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import load_by_kind
 from topdress.drivers.files.sheet_text import check_sheets
@@ -464,8 +464,8 @@ def grown(read: str, path: Path, seconds: float = 60.0, most_mb: int = 600) -> s
     return "\n".join(said)
 
 
-MAP = "from topdress.drivers.files.prescriptions.read import read_prescription as read"
-RAW = "from topdress.drivers.files.imports.read import read_raw_table as read"
+MAP = "from topdress.drivers.files.prescriptions.map_reader import read_prescription as read"
+RAW = "from topdress.drivers.files.imports.table_reader import read_raw_table as read"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import yaml
 from click.testing import Result
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.read_log import read_log
 
 GOOD = "Time [s];Shaft command [rpm];Shaft speed [rpm]\n" + "".join(

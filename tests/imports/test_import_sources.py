@@ -34,7 +34,7 @@ from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import build_log_columns
 from topdress.drivers.files.imports.mapping import IMPORT_KIND, Source
-from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.imports.time_logs import (
     TOTAL_AREA_DDI,
     WIDTH_DDI,

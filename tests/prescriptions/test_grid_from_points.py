@@ -13,10 +13,10 @@ import shapefile
 import shapely
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import calc_rate_shares
-from topdress.drivers.files.opened import FileContent
+from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.prescriptions.grid_from_points import NoGridError, fit_point_grid
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.map_choices import RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress

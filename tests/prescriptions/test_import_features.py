@@ -18,10 +18,10 @@ from topdress.control.targets.prescription import (
     Zone,
     calc_rate_shares,
 )
-from topdress.drivers.files.prescriptions.projected import TransverseMercator, parse_projection
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
-from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.files.prescriptions.map_choices import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
+from topdress.drivers.files.prescriptions.map_projection import TransverseMercator, parse_projection
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
+from topdress.drivers.files.prescriptions.map_writer import write_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.geojson import collection, feature

@@ -13,9 +13,13 @@ import pytest
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import Fallbacks, MapData, Zone, calc_rate_shares
 from topdress.drivers.files.imports.task_log import describe_task_file
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
-from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.files.prescriptions.map_choices import (
+    ImportedMap,
+    PrescriptionError,
+    RateChoice,
+)
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
+from topdress.drivers.files.prescriptions.map_writer import write_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.places import TASK_FILES

@@ -38,7 +38,7 @@ from topdress.control.targets.prescription import (
 )
 from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, make_frame_m
 from topdress.drivers.files.config import find_shipped_files
-from topdress.drivers.files.prescriptions.for_job import read_job_map, read_job_plants
+from topdress.drivers.files.prescriptions.job_targets import read_job_map, read_job_plants
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import Setup, load_setup
 from topdress.drivers.plain_text import RefusedInput

@@ -27,8 +27,8 @@ from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import GridDeg, MapData, Zone, calc_rate_shares
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.config import find_shipped_files
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.map_choices import RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
 
 from tests.app.made_up.job import FACTS
 from tests.command import topdress

@@ -15,11 +15,11 @@ import shapely
 from topdress.control.targets.prescription import MapData, Zone, calc_rate_shares
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.prescriptions import raster
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
-from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.files.prescriptions.map_choices import LB_AC_KG_HA, RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
+from topdress.drivers.files.prescriptions.map_writer import write_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress

@@ -38,8 +38,8 @@ from topdress.control.targets.point import (
     calc_point_lag,
 )
 from topdress.control.targets.point_source import CommandedDose, DueDose, PointSource
-from topdress.drivers.files.prescriptions.for_job import read_loop_targets
-from topdress.drivers.files.prescriptions.words import PrescriptionError
+from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
+from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 from topdress.drivers.files.setup import Setup, load_setup
 
 from tests.command import topdress

@@ -15,16 +15,16 @@ import pytest
 import shapefile
 import shapely
 from topdress.drivers.files.imports.guess import guess_import_file
-from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.imports.units import find_named_unit
-from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     ACRE_HA,
     LB_AC_KG_HA,
     UNIT_NOT_NAMED,
     RateChoice,
     RateQuestion,
 )
+from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress

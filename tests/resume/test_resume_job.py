@@ -37,7 +37,7 @@ from topdress.control.log_row import LogRow
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Alarm, Do, Order, Severity
-from topdress.drivers.files.plain import build_from_plain, convert_to_plain
+from topdress.drivers.files.plain_data import build_from_plain, convert_to_plain
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_meta import parse_meta_yaml
 from topdress.drivers.files.setup import load_setup

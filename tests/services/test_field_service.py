@@ -71,7 +71,7 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
 
 
 def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
-    from topdress.drivers.files.prescriptions.for_job import read_job_map
+    from topdress.drivers.files.prescriptions.job_targets import read_job_map
 
     job = add_simulated_field(setup.job, setup.machine)
     picture = make_field_picture(frame_of(write(tmp_path / "a.csv", setup)))

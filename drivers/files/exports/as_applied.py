@@ -27,7 +27,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves, SectionStrip
 from topdress.control.metering.inverse import Conditions
 from topdress.control.orders import State, TargetSource
-from topdress.drivers.files.exports.stopped import (
+from topdress.drivers.files.exports.stopped_release import (
     MIN_TURNING_SHAFT_RPM,
     StoppedRelease,
     find_stopped_releases,

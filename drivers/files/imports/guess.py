@@ -20,6 +20,14 @@ from topdress.drivers.files.columns import (
     select_rows,
 )
 from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports.column_vocabulary import (
+    AMBIGUOUS_SWITCH_WORDS,
+    QUANTITY_WORDS,
+    SWITCH_ON_WORDS,
+    find_subject,
+    fold_column_name,
+    has_any_word,
+)
 from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN, convert_table
 from topdress.drivers.files.imports.guess_columns import (
     build_column,
@@ -30,13 +38,13 @@ from topdress.drivers.files.imports.guess_columns import (
     find_unseen_commands,
     report_unnamed_drive,
 )
-from topdress.drivers.files.imports.guess_time import guess_times
-from topdress.drivers.files.imports.guessed import (
+from topdress.drivers.files.imports.guess_result import (
     COMMAND_PAIRS,
     ColumnCandidate,
     Doubt,
     ImportGuess,
 )
+from topdress.drivers.files.imports.guess_time import guess_times
 from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.imports.mapping import Column, ImportFile, Working
@@ -44,14 +52,6 @@ from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.text import NO_HEADER_ID
 from topdress.drivers.files.imports.units import find_named_unit, find_quantity
-from topdress.drivers.files.imports.words import (
-    AMBIGUOUS_SWITCH_WORDS,
-    QUANTITY_WORDS,
-    SWITCH_ON_WORDS,
-    find_subject,
-    fold_column_name,
-    has_any_word,
-)
 
 # Number of rows that are converted to test a guess.
 MAX_TESTED_ROWS = 50_000

@@ -10,8 +10,20 @@ from topdress.control.log_row import COLUMNS, EFFORT_COLUMNS, PLAUSIBLE_RANGES, 
 from topdress.control.recordings.speeds import IMPLAUSIBLE_MPS, MOVING_MPS
 from topdress.drivers.files.columns import is_time_column
 from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports.column_vocabulary import (
+    COMMAND_WORDS,
+    PLAIN_READING_WORDS,
+    RAW_COMMAND_WORDS,
+    READING_WORDS,
+    SHAPEFILE_NAME_LENGTH,
+    ColumnSubject,
+    find_subject,
+    fold_column_name,
+    has_any_word,
+    is_unit_fitting,
+)
 from topdress.drivers.files.imports.convert import make_extra_name
-from topdress.drivers.files.imports.guessed import (
+from topdress.drivers.files.imports.guess_result import (
     COMMAND_PAIRS,
     ColumnCandidate,
     Doubt,
@@ -27,18 +39,6 @@ from topdress.drivers.files.imports.units import (
     find_column_unit,
     find_named_unit,
     find_quantity,
-)
-from topdress.drivers.files.imports.words import (
-    COMMAND_WORDS,
-    PLAIN_READING_WORDS,
-    RAW_COMMAND_WORDS,
-    READING_WORDS,
-    SHAPEFILE_NAME_LENGTH,
-    ColumnSubject,
-    find_subject,
-    fold_column_name,
-    has_any_word,
-    is_unit_fitting,
 )
 
 # A larger number is a rotation, because no machine drives so fast in any unit of speed.

@@ -28,7 +28,7 @@ from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN
 from topdress.drivers.files.imports.join import JoinedFiles
 from topdress.drivers.files.imports.mapping import ImportFile
 from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store
-from topdress.drivers.files.plain import convert_to_plain
+from topdress.drivers.files.plain_data import convert_to_plain
 from topdress.drivers.files.read_log import RunLog, build_log, read_log_meta
 from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta, parse_meta_yaml
 

@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
-from topdress.drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
+from topdress.drivers.files.prescriptions.map_choices import (
+    MASS_UNITS,
+    NITROGEN_UNITS,
+    VOLUME_UNITS,
+)
 
 # A slope of 100 % rises 100 m in 100 m; it is converted by the arc tangent instead of a factor.
 SLOPE_PERCENT = "slope %"

@@ -10,14 +10,14 @@ import unicodedata
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
-from topdress.drivers.files.imports.header import EMPTY_CELLS, split_unit_name
-from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
-from topdress.drivers.files.imports.words import (
+from topdress.drivers.files.imports.column_vocabulary import (
     MAP_COLUMN_KINDS,
     SHAPEFILE_NAME_LENGTH,
     fold_column_name,
     has_any_word,
 )
+from topdress.drivers.files.imports.header import EMPTY_CELLS, split_unit_name
+from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.stated_units import ANY_COLUMN, StatedUnit, StatedUnits, is_unit_name
 
 _NUMBER_WITH_UNIT = re.compile(

@@ -19,7 +19,11 @@ from topdress.drivers.files.prescriptions.features import (
     build_imported_map,
     convert_ring_deg,
 )
-from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.map_choices import (
+    ImportedMap,
+    PrescriptionError,
+    RateChoice,
+)
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import PlaceInFile
 

@@ -14,9 +14,9 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import Folder
+from topdress.drivers.files.imports.column_vocabulary import find_rate_role
 from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.imports.units import find_named_unit
-from topdress.drivers.files.imports.words import find_rate_role
 from topdress.drivers.files.prescriptions.column_words import (
     BOUND_WORDS,
     NUTRIENT_NAMES,
@@ -27,7 +27,7 @@ from topdress.drivers.files.prescriptions.column_words import (
     split_name_words,
     split_own_unit,
 )
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     NITROGEN_UNITS,
     RATE_UNITS,
     UNIT_NOT_NAMED,

@@ -19,20 +19,19 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.columns import list_known_or_none
-from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.numbers import parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.imports.words import (
+from topdress.drivers.files.imports.column_vocabulary import (
     find_subject,
     fold_column_name,
     has_places_without_time,
     has_time_column,
 )
+from topdress.drivers.files.imports.import_errors import TableError
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.numbers import parse_number_column
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
-from topdress.drivers.files.prescriptions.projected import TransverseMercator
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
     NotAMapError,
     PrescriptionError,
@@ -40,6 +39,7 @@ from topdress.drivers.files.prescriptions.words import (
     RateQuestion,
     check_degrees,
 )
+from topdress.drivers.files.prescriptions.map_projection import TransverseMercator
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import Reason
 

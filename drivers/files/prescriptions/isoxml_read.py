@@ -14,8 +14,7 @@ from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Z
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
-from topdress.drivers.files.prescriptions.task_files import TaskSet, read_task_tree
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     MAX_RATE_KG_HA,
     RATE_UNITS,
     ImportedMap,
@@ -26,6 +25,7 @@ from topdress.drivers.files.prescriptions.words import (
     calc_factor_kg_ha,
     check_rate_kg_ha,
 )
+from topdress.drivers.files.prescriptions.task_files import TaskSet, read_task_tree
 from topdress.drivers.files.shape_sets import sort_rings
 from topdress.drivers.plain_text import PlaceInFile, Reason
 

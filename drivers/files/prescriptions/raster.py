@@ -17,13 +17,13 @@ from topdress.drivers.files.extras import format_extra_line
 from topdress.drivers.files.layers import find_projection
 from topdress.drivers.files.limits import RASTER_CELLS_LIMIT, check_limit
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
-from topdress.drivers.files.prescriptions.projected import Projection
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
     NotAMapError,
     PrescriptionError,
     RateChoice,
 )
+from topdress.drivers.files.prescriptions.map_projection import Projection
 from topdress.drivers.files.stated_units import StatedUnit, find_json_units, merge_units
 from topdress.drivers.plain_text import PlaceInFile
 

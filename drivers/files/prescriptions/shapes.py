@@ -26,7 +26,7 @@ from topdress.drivers.files.prescriptions.features import (
     build_imported_map,
     convert_ring_deg,
 )
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
     NoPolygonsError,
     PrescriptionError,
@@ -140,7 +140,7 @@ def write_map_layers(data: MapData, path: Path) -> None:
     """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
     Raises RefusedInput, OSError."""
     # This import is local, because `write` imports this module.
-    from topdress.drivers.files.prescriptions.write import list_map_zones
+    from topdress.drivers.files.prescriptions.map_writer import list_map_zones
 
     zones = list_map_zones(data)
     shapes = [

@@ -24,7 +24,7 @@ from topdress.drivers.files.archives import (
 )
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.limits import REFERENCES_LIMIT, XML_LIMIT, check_limit
-from topdress.drivers.files.prescriptions.words import PrescriptionError, RateQuestion
+from topdress.drivers.files.prescriptions.map_choices import PrescriptionError, RateQuestion
 from topdress.drivers.files.run_meta import find_software_version
 from topdress.drivers.files.xml_text import XmlError, XmlTotal, parse_xml_root
 

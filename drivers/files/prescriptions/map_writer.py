@@ -20,6 +20,7 @@ from topdress.control.targets.prescription import (
 )
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 from topdress.drivers.files.prescriptions.shapes import TOPDRESS_MEMBER
 from topdress.drivers.files.prescriptions.task_files import (
     WGS84_PRJ,
@@ -30,7 +31,6 @@ from topdress.drivers.files.prescriptions.task_files import (
     make_task_root,
     write_task_files,
 )
-from topdress.drivers.files.prescriptions.words import PrescriptionError
 
 # Steps of DDI 6 are mg/m2; 100 of them are 1 kg/ha.
 MG_M2_PER_KG_HA = 100.0

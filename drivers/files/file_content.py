@@ -13,14 +13,14 @@ from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, has_worked_points, sniff_file_kind
 from topdress.drivers.files.foreign import rename_log_header
 from topdress.drivers.files.header_names import rename_header as renamed
-from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.words import (
+from topdress.drivers.files.imports.column_vocabulary import (
     COMMAND_WORDS,
     fold_column_name,
     has_any_word,
     has_places_without_time,
     has_time_column,
 )
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.log_store import STORE_SUFFIXES as PARQUET
 from topdress.drivers.files.log_store import is_log_store
@@ -132,7 +132,7 @@ class FileContent:
         return "map" if has_places else ""
 
     def _has_map_points(self) -> bool:
-        from topdress.drivers.files.imports.read import read_raw_table
+        from topdress.drivers.files.imports.table_reader import read_raw_table
 
         try:
             return has_places_without_time(read_raw_table(self.path).names)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.drivers.files.imports.mapping import IMPORT_KIND, Column, ImportFile
 from topdress.drivers.files.imports.units import ColumnUnit
-from topdress.drivers.files.plain import convert_to_plain
+from topdress.drivers.files.plain_data import convert_to_plain
 from topdress.drivers.files.yaml_text import dump_yaml
 
 # Path of keys in an import file.

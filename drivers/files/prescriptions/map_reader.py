@@ -15,8 +15,7 @@ from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES, has_worked_point
 from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
-from topdress.drivers.files.prescriptions.task_files import choose_task_set
-from topdress.drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
     NoPolygonsError,
     NotAMapError,
@@ -24,6 +23,7 @@ from topdress.drivers.files.prescriptions.words import (
     RateChoice,
     RateQuestion,
 )
+from topdress.drivers.files.prescriptions.task_files import choose_task_set
 from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
 from topdress.drivers.plugins import has_format_plugin
 
@@ -114,7 +114,7 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
 
         return read_raster(path, choice)
     if suffix in TABLE_SUFFIXES:
-        from topdress.drivers.files.opened import FileContent
+        from topdress.drivers.files.file_content import FileContent
         from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
         from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 
@@ -230,7 +230,7 @@ def read_index_map(path: Path, index: str) -> ImportedMap:
     PrescriptionError : the map holds no such numbers.
     OSError : the file cannot be opened.
     """
-    from topdress.drivers.files.prescriptions.read import read_prescription
+    from topdress.drivers.files.prescriptions.map_reader import read_prescription
 
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
     _require_zones(read)

@@ -23,7 +23,11 @@ from topdress.control.targets.prescription import MapData, project_prescription,
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import list_opened_files
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, RateQuestion
+from topdress.drivers.files.prescriptions.map_choices import (
+    ZONE_FACTOR,
+    PrescriptionError,
+    RateQuestion,
+)
 from topdress.drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
@@ -215,7 +219,7 @@ def _convert_job_map(
     if job.target.map is None:
         return None
     # This import is local, because most jobs have no map.
-    from topdress.drivers.files.prescriptions.read import read_prescription
+    from topdress.drivers.files.prescriptions.map_reader import read_prescription
 
     try:
         read = read_prescription(folder / job.target.map)
@@ -316,7 +320,7 @@ def _read_index_map(
     if name is None:
         return None
     # This import is local, because most jobs have no such map.
-    from topdress.drivers.files.prescriptions.read import read_index_map
+    from topdress.drivers.files.prescriptions.map_reader import read_index_map
 
     data = read_index_map(folder / name, index).data
     # A map without a field has only its own plane.
