@@ -139,7 +139,7 @@ def _list_features(layer: Layer) -> list[Feature]:
 def write_map_layers(data: MapData, path: Path) -> None:
     """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
     Raises RefusedInput, OSError."""
-    # This import is local, because `write` imports this module.
+    # This import is local, because `map_writer` imports this module.
     from topdress.drivers.files.prescriptions.map_writer import list_map_zones
 
     zones = list_map_zones(data)
