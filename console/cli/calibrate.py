@@ -223,7 +223,7 @@ def calibrate_lag(
         fitted, tube = settle_tube(table, fitted, date=day)
     _print_fit(
         {"lag": line, "tube": tube},
-        lambda: _print_lag_fit(line, tube, fitted.tube_is_settled),
+        lambda: _print_lag_fit(line, tube, fitted.is_tube_measured),
         as_json,
     )
     _save_machine(fitted, data, out, as_json)
@@ -477,7 +477,7 @@ def _print_flow_fit(fit: FlowFit, machine: Machine) -> None:
     _print_notes(fit.notes)
 
 
-def _print_lag_fit(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) -> None:
+def _print_lag_fit(line: LagFit | None, tube: TubeFit | None, is_tube_measured: bool) -> None:
     if line is not None:
         typer.echo(
             f"{line.measured}: {line.rows_used} rows, {line.from_rpm:g}-{line.to_rpm:g} "
@@ -501,7 +501,7 @@ def _print_lag_fit(line: LagFit | None, tube: TubeFit | None, tube_is_settled: b
                 "note: not settled yet, more repeats are needed: until then no strategy "
                 "counts on the tube"
             )
-    elif not tube_is_settled:
+    elif not is_tube_measured:
         typer.echo(f"note: {TUBE_UNSETTLED}")
 
 

@@ -64,21 +64,21 @@ def reproduce_papers(
 
 def run_papers(seed: int) -> list[Section]:
     """Returns every section of the page. Takes about half a minute."""
-    from topdress.control.papers.decision import decision_section
-    from topdress.control.papers.elements import elements_section
-    from topdress.control.papers.lag import lag_section
-    from topdress.control.papers.page import summary
-    from topdress.control.papers.points import points_section
+    from topdress.control.papers.decision import make_decision_section
+    from topdress.control.papers.elements import make_elements_section
+    from topdress.control.papers.lag import make_lag_section
+    from topdress.control.papers.page import summarise_claims
+    from topdress.control.papers.points import make_points_section
     from topdress.drivers.files.setup import load_setup
 
     setup = load_setup("huanghai", "demo", PAPER_DAY)
     papers: list[Callable[[], Section]] = [
-        lambda: decision_section(setup.machine, setup.crop, seed),
-        lambda: lag_section(setup.machine),
-        points_section,
+        lambda: make_decision_section(setup.machine, setup.crop, seed),
+        lambda: make_lag_section(setup.machine),
+        make_points_section,
     ]
     sections = [paper() for paper in iterate_with_progress(papers, len(papers), "papers")]
-    return [summary(sections), *sections, elements_section()]
+    return [summarise_claims(sections), *sections, make_elements_section()]
 
 
 def format_table_csv(table: Table) -> str:

@@ -56,7 +56,7 @@ def run_trial(
     and yields by plot."""
     from topdress.console.reports.html import GENERATOR_META
     from topdress.console.reports.paper_page import make_paper_page
-    from topdress.control.papers.trial import trial_section
+    from topdress.control.papers.trial import make_trial_section
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.run_meta import find_software_version
     from topdress.drivers.files.trial import read_trial
@@ -71,7 +71,7 @@ def run_trial(
     refuse_collisions(reads, [make_marked_output(out, GENERATOR_META.encode())], force)
     found = read_trial(plots, log, weights, after, load_machine(machine) if machine else None)
     try:
-        section = trial_section(found, control)
+        section = make_trial_section(found, control)
     except ValueError as error:
         raise CommandError(str(error)) from None
     write_atomically(

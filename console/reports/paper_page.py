@@ -16,7 +16,7 @@ from topdress.console.reports.html import (
     make_page,
 )
 from topdress.console.reports.numbers import format_fixed
-from topdress.control.papers.page import Cell, Picture, Section, Table
+from topdress.control.papers.page import Picture, Section, Table, TableCell
 
 SERIES_COLOURS = {"published": BEFORE_COLOUR, "ours": AFTER_COLOUR, "other": THIRD_COLOUR}
 PAPERS_STYLE = """
@@ -114,7 +114,7 @@ def _format_paper_table(one: Table, anchor: str) -> str:
     )
 
 
-def format_paper_cell(cell: Cell, decimals: int) -> str:
+def format_paper_cell(cell: TableCell, decimals: int) -> str:
     """Returns a cell as text; a dash for an empty cell."""
     if cell is None:
         return "\N{EN DASH}"

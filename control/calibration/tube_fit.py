@@ -119,7 +119,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
         }
     )
     return Machine.model_validate(dict(settled)), TubeFit(
-        interval, sd, len(drops), scatter, float(off[best]), settled.tube_is_settled
+        interval, sd, len(drops), scatter, float(off[best]), settled.is_tube_measured
     )
 
 

@@ -123,7 +123,7 @@ class Tolerance(FrozenModel):
     # Standard error of the slope of 70 drop times up to 70 r/min, by their own scatter (lag paper,
     # table 3).
     drop_s_per_rpm: Annotated[float, Field(ge=1e-6, le=1)] = 0.001
-    # The default means that nobody has measured the share, see `tube_is_settled`.
+    # The default means that nobody has measured the share, see `is_tube_measured`.
     carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     # The friction of a healthy ball screw differs from run to run by 1.8 %, from session to session
     # by 3.5 % (doi 10.17862/cranfield.rd.5097649).
@@ -273,7 +273,7 @@ class Machine(FrozenModel):
         return make_section_strips(self.sections, self.geometry.working_width_m)
 
     @property
-    def tube_is_settled(self) -> bool:
+    def is_tube_measured(self) -> bool:
         """Returns whether the air stream's share of the pace in the tube was measured."""
         return self.tolerance.carried_share <= SETTLED_TUBE_SD
 

@@ -80,7 +80,9 @@ class PairPlanner:
             machine.shaft
         )
         self._drawn_out_share = (
-            1.0 - machine.fall.carried_share if machine.tube_is_settled else DEFAULT_DRAWN_OUT_SHARE
+            1.0 - machine.fall.carried_share
+            if machine.is_tube_measured
+            else DEFAULT_DRAWN_OUT_SHARE
         )
         # Pair of the last command; None for a standing shaft.
         self._last: Pair | None = None

@@ -10,12 +10,12 @@ from topdress.control.machine.fall import find_paper_lag_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.start import calc_response_s, find_start_lag_s
 
-from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
-from .page import DIGITS, Claim, How, compared
+from .map_geometry import EDGE_AHEAD_M, PLACE_DEG, count_agreeing_cells, make_boundary_table
+from .page import ROUNDING_TEXT, Claim, ResultOrigin, compare_numbers
 from .published import (
     CORRECTED_M,
+    CORRECTION_GAIN_M,
     DROP_S,
-    GAIN_M,
     LAG_LINE,
     LAG_M,
     LAG_SPEED_KMH,
@@ -24,31 +24,31 @@ from .published import (
 )
 
 # Ground speed of the paper's field tests, m/s.
-MPS = LAG_SPEED_KMH / 3.6
+TEST_SPEED_MPS = LAG_SPEED_KMH / 3.6
 # Mean response by table 2, s.
-RESPONSE = float(np.mean([value for pair in RESPONSE_S.values() for value in pair]))
+MEAN_RESPONSE_S = float(np.mean([value for pair in RESPONSE_S.values() for value in pair]))
 # Mean lag distance by shaft speed, m (table 1).
 MEAN_M = {rpm: float(np.mean(values)) for rpm, values in LAG_M.items()}
 # Mean drop time by shaft speed, s (table 3).
 MEAN_DROP_S = {rpm: float(np.mean(values)) for rpm, values in DROP_S.items()}
 # Shaft speeds of the line, 10 to 70 r/min.
-UP_TO_70 = tuple(GAIN_M)
+LINE_SPEEDS_RPM = tuple(CORRECTION_GAIN_M)
 
 
-def rms(values: Iterable[float]) -> float:
+def calc_rms(values: Iterable[float]) -> float:
     """Returns the root mean square."""
     return float(np.sqrt(np.mean(np.square(list(values)))))
 
 
-def equations() -> list[Claim]:
+def list_equation_claims() -> list[Claim]:
     """Returns the claims of the equations."""
-    plane = TangentPlane(*AT)
+    plane = TangentPlane(*PLACE_DEG)
     there = plane.convert_to_deg(10.0, 0.0)
-    east = calc_paper_distance_m(*AT, *there), calc_ellipsoid_distance_m(*AT, *there)
-    agree, asked = cells_that_agree()
-    printed_m, right_m = (float(cell or 0.0) for cell in boundary_table().rows[0][1:])
-    rpm = np.array(UP_TO_70, dtype=np.float64)
-    detected = np.array([TOTAL_LAG_S[n][1] for n in UP_TO_70])
+    east = calc_paper_distance_m(*PLACE_DEG, *there), calc_ellipsoid_distance_m(*PLACE_DEG, *there)
+    agree, asked = count_agreeing_cells()
+    printed_m, right_m = (float(cell or 0.0) for cell in make_boundary_table().rows[0][1:])
+    rpm = np.array(LINE_SPEEDS_RPM, dtype=np.float64)
+    detected = np.array([TOTAL_LAG_S[n][1] for n in LINE_SPEEDS_RPM])
     slope, intercept = (float(v) for v in np.polyfit(rpm, detected, 1))
     r = float(np.corrcoef(rpm, detected)[0, 1])
     kmh = [3.6 * MEAN_M[n] / TOTAL_LAG_S[n][0] for n in LAG_M]
@@ -59,7 +59,7 @@ def equations() -> list[Claim]:
             f"{LAG_SPEED_KMH:g} km/h",
             f"{np.mean(kmh):.3f} km/h ({min(kmh):.3f} to {max(kmh):.3f} in {len(kmh)} of "
             f"{len(kmh)} rows)",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(float(np.mean(kmh)) - LAG_SPEED_KMH) < 0.01,
             "the times were made with 4.5 km/h; text and table 1 say 4.25",
             "0.01 km/h: ten distances rounded to 0.01 m",
@@ -69,7 +69,7 @@ def equations() -> list[Claim]:
             "cell of a place",
             "a rule without figures",
             f"right at {agree} of {asked} distances over 10 cells",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             agree == asked,
             "",
             "none: a rule holds or does not",
@@ -79,7 +79,7 @@ def equations() -> list[Claim]:
             "distance of two places, radius 6 356 755 m",
             "10 m east at 40 N",
             f"{east[0]:.2f} m as printed, {east[1]:.2f} m on WGS84",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(east[0] - east[1]) < 0.05,
             "the cosine stands with the wrong product",
             "0.05 m: the digits that an arccosine leaves of 10 m",
@@ -87,9 +87,9 @@ def equations() -> list[Claim]:
         Claim(
             "eq 4, 5",
             "distance to a border cell's edge",
-            f"{AHEAD_M:g} m ahead at 30 degrees",
+            f"{EDGE_AHEAD_M:g} m ahead at 30 degrees",
             f"{printed_m:.2f} m as printed, {right_m:.2f} m by vectors",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(printed_m - right_m) < 0.05,
             "eq 5 takes X1 where X belongs, and eq 4 has no slope due north",
             "0.05 m: a good receiver's own error",
@@ -99,7 +99,7 @@ def equations() -> list[Claim]:
             "T = a + b n, fitted to the detected lags",
             f"{LAG_LINE[0]:.4f} s, {LAG_LINE[1]:.4f} s per r/min",
             f"{intercept:.4f} s, {slope:.4f} s per r/min",
-            How.FITTED,
+            ResultOrigin.FITTED,
             abs(slope - LAG_LINE[1]) < 5e-5 and abs(intercept - LAG_LINE[0]) < 5e-4,
             "",
             "5e-5 s per r/min: half of its last digit; 5e-4 s: the lags are rounded to 0.001 s",
@@ -109,23 +109,25 @@ def equations() -> list[Claim]:
             "correlation of shaft speed and lag",
             "0.97",
             f"r {r:.3f}, its square {r * r:.3f}",
-            How.FITTED,
+            ResultOrigin.FITTED,
             abs(abs(r) - 0.97) < 0.005,
             "what is printed is the square",
-            f"0.005: {DIGITS}",
+            f"0.005: {ROUNDING_TEXT}",
         ),
     ]
 
 
-def tables_1_to_3(machine: Machine) -> list[Claim]:
+def list_table_claims(machine: Machine) -> list[Claim]:
     """Returns the claims of tables 1 to 3."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     repeats_m = float(np.sqrt(np.mean([np.var(values, ddof=1) for values in LAG_M.values()])))
-    off_m = rms(MEAN_M[n] - MPS * first[n] for n in UP_TO_70)
-    response = rms(
+    off_m = calc_rms(MEAN_M[n] - TEST_SPEED_MPS * first[n] for n in LINE_SPEEDS_RPM)
+    response = calc_rms(
         value - calc_response_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair
     )
-    drop = rms(MEAN_DROP_S[n] - first[n] + calc_response_s(machine, n) for n in UP_TO_70)
+    drop = calc_rms(
+        MEAN_DROP_S[n] - first[n] + calc_response_s(machine, n) for n in LINE_SPEEDS_RPM
+    )
     still, moving = (np.array([pair[k] for pair in RESPONSE_S.values()]) for k in (0, 1))
     apart = float((moving - still).mean())
     sure = float(1.833 * (moving - still).std(ddof=1) / np.sqrt(len(still)))
@@ -135,12 +137,12 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
             "lag distance, 10 shaft speeds three times",
             "2.29 to 3.18 m",
             f"r.m.s. {off_m:.3f} m, 10 to 70 r/min, at the written speed",
-            How.SIMULATED,
+            ResultOrigin.SIMULATED,
             off_m < 3.0 * repeats_m,
             "the field's lag is longer than the rig's; see the tables across each other",
             f"{3.0 * repeats_m:.2f} m: three times the s.d. of its replicates",
         ),
-        compared(
+        compare_numbers(
             "section 2.4.1",
             "distance at 70 below that at 10 r/min by",
             25.0,
@@ -153,12 +155,14 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
             "response, standing and moving",
             "0.374 to 0.391 s",
             f"r.m.s. {response:.4f} s",
-            How.FITTED,
+            ResultOrigin.FITTED,
             response < 0.01,
             "dead time and time constant of the machine file come from this table",
             "0.01 s: twice the s.d. of its own rows",
         ),
-        compared("section 2.4.2", "mean response", 0.383, RESPONSE, 0.0005, "{:.3f} s"),
+        compare_numbers(
+            "section 2.4.2", "mean response", 0.383, MEAN_RESPONSE_S, 0.0005, "{:.3f} s"
+        ),
         Claim(
             "section 2.4.2",
             "shaft speed and moving make no difference",
@@ -166,7 +170,7 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
             f"moving less standing {1000.0 * apart:+.1f} ms (90 %: "
             f"{1000.0 * (apart - sure):.1f} to "
             f"{1000.0 * (apart + sure):.1f})",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(apart) <= sure or abs(apart) < 0.005,
             "",
             f"{1000.0 * sure:.1f} ms: half of the 90 % interval of ten pairs; or 5 ms, the "
@@ -177,12 +181,12 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
             "drop time, 10 shaft speeds ten times",
             "0.659 to 1.865 s",
             f"r.m.s. {drop:.3f} s of the means, 10 to 70 r/min",
-            How.FITTED,
+            ResultOrigin.FITTED,
             drop < 0.05,
             "the machine file's line is eq 6 less the response, and eq 6 was fitted to these",
             "0.05 s: the standard error of a mean of ten (0.04 s usually, 0.11 s at 70 r/min)",
         ),
-        compared(
+        compare_numbers(
             "section 2.4.3",
             "drop time at 70 below that at 10 r/min by",
             30.0,
@@ -194,14 +198,15 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
     ]
 
 
-def table_4(machine: Machine) -> list[Claim]:
+def list_table_4_claims(machine: Machine) -> list[Claim]:
     """Returns the claims of table 4."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     errors = {n: 100.0 * (1.0 - detected / field) for n, (field, detected) in TOTAL_LAG_S.items()}
     restated = {
-        n: 100.0 * (1.0 - detected * MPS / MEAN_M[n]) for n, (_, detected) in TOTAL_LAG_S.items()
+        n: 100.0 * (1.0 - detected * TEST_SPEED_MPS / MEAN_M[n])
+        for n, (_, detected) in TOTAL_LAG_S.items()
     }
-    summed = rms(MEAN_DROP_S[n] + RESPONSE - TOTAL_LAG_S[n][1] for n in LAG_M)
+    summed = calc_rms(MEAN_DROP_S[n] + MEAN_RESPONSE_S - TOTAL_LAG_S[n][1] for n in LAG_M)
     turns = min(MEAN_DROP_S, key=lambda n: MEAN_DROP_S[n]), min(MEAN_M, key=lambda n: MEAN_M[n])
     early = [detected - field for field, detected in TOTAL_LAG_S.values()]
     return [
@@ -210,8 +215,8 @@ def table_4(machine: Machine) -> list[Claim]:
             "detected: response and drop time",
             "1.620 to 2.176 s",
             f"response and mean of table 3: r.m.s. {summed:.4f} s; machine model, 10 to 70 r/min: "
-            f"{rms(TOTAL_LAG_S[n][1] - first[n] for n in UP_TO_70):.3f} s",
-            How.RECOMPUTED,
+            f"{calc_rms(TOTAL_LAG_S[n][1] - first[n] for n in LINE_SPEEDS_RPM):.3f} s",
+            ResultOrigin.RECOMPUTED,
             summed < 0.002,
             "",
             "0.002 s: three figures rounded to 0.001 s",
@@ -220,9 +225,10 @@ def table_4(machine: Machine) -> list[Claim]:
             "table 4",
             "actual: table 1's distances at the written speed",
             "1.867 to 2.496 s",
-            f"{min(MEAN_M.values()) / MPS:.3f} to {max(MEAN_M.values()) / MPS:.3f} s",
-            How.RECOMPUTED,
-            rms(MEAN_M[n] / MPS - TOTAL_LAG_S[n][0] for n in LAG_M) < 0.01,
+            f"{min(MEAN_M.values()) / TEST_SPEED_MPS:.3f} to "
+            f"{max(MEAN_M.values()) / TEST_SPEED_MPS:.3f} s",
+            ResultOrigin.RECOMPUTED,
+            calc_rms(MEAN_M[n] / TEST_SPEED_MPS - TOTAL_LAG_S[n][0] for n in LAG_M) < 0.01,
             "published with 4.5 km/h, not 4.25",
             "0.01 s: distances rounded to 0.01 m",
         ),
@@ -235,10 +241,10 @@ def table_4(machine: Machine) -> list[Claim]:
             f"of the printed times; {min(restated.values()):.1f} to "
             f"{max(restated.values()):.1f} % of table 1 at "
             f"4.25 km/h",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(max(errors.values()) - 15.9) < 0.06,
             "",
-            f"0.06 %: {DIGITS}, of rounded times",
+            f"0.06 %: {ROUNDING_TEXT}, of rounded times",
         ),
         Claim(
             "abstract, conclusion 3",
@@ -247,17 +253,17 @@ def table_4(machine: Machine) -> list[Claim]:
             f"{100.0 - max(errors.values()):.1f} % as "
             f"printed, "
             f"{100.0 - max(restated.values()):.1f} % at the written speed",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(max(restated.values()) - 15.9) < 0.06,
             "printed figures give it; the written speed does not",
-            f"0.06 %: {DIGITS}, of rounded times",
+            f"0.06 %: {ROUNDING_TEXT}, of rounded times",
         ),
         Claim(
             "section 2.4.3",
             "why the detector differs: it misses the first granules",
             "an explanation",
             f"detected less field {np.mean(early):+.2f} s",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             float(np.mean(early)) > 0.0,
             "the sign is wrong: a detector that misses the first granules is late, and this "
             "one is early in "
@@ -269,7 +275,7 @@ def table_4(machine: Machine) -> list[Claim]:
             "lag turns at 70 r/min in rig and field",
             "70 r/min",
             f"{turns[0]} r/min (table 3), {turns[1]} r/min (table 1)",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             turns == (70, 70),
             "on the rig two of ten readings (0.66 s) make it; the field confirms it",
             "none: the shaft speed of the least mean",
@@ -277,15 +283,17 @@ def table_4(machine: Machine) -> list[Claim]:
     ]
 
 
-def correction() -> list[Claim]:
+def list_correction_claims() -> list[Claim]:
     """Returns the claims of the correction."""
-    left = {n: MEAN_M[n] - MPS * find_paper_lag_s(n) for n in UP_TO_70}
+    left = {n: MEAN_M[n] - TEST_SPEED_MPS * find_paper_lag_s(n) for n in LINE_SPEEDS_RPM}
     after = {n: float(np.mean(values)) for n, values in CORRECTED_M.items()}
     missed, remains = float(np.mean(list(after.values()))), float(np.mean(list(left.values())))
     spread, explained = (float(np.std(list(values.values()), ddof=1)) for values in (after, left))
-    gains = {n: 100.0 * (1.0 - late / before) for n, (before, late) in GAIN_M.items()}
-    line = rms(find_paper_lag_s(n) - TOTAL_LAG_S[n][1] for n in UP_TO_70)
-    faster = 100.0 * float(np.mean([after[n] / (MPS * find_paper_lag_s(n)) for n in UP_TO_70]))
+    gains = {n: 100.0 * (1.0 - late / before) for n, (before, late) in CORRECTION_GAIN_M.items()}
+    line = calc_rms(find_paper_lag_s(n) - TOTAL_LAG_S[n][1] for n in LINE_SPEEDS_RPM)
+    faster = 100.0 * float(
+        np.mean([after[n] / (TEST_SPEED_MPS * find_paper_lag_s(n)) for n in LINE_SPEEDS_RPM])
+    )
     late = sum(value > 0.0 for values in CORRECTED_M.values() for value in values)
     return [
         Claim(
@@ -293,7 +301,7 @@ def correction() -> list[Claim]:
             "miss after the correction",
             f"{missed:.3f} m in the mean",
             f"{remains:.3f} m ({min(left.values()):.2f} to {max(left.values()):.2f})",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(remains - missed) < 0.1,
             "table 1's distances less eq 6 at the written speed: the correction took off "
             "the rig's lag",
@@ -304,7 +312,7 @@ def correction() -> list[Claim]:
             "spread between shaft speeds",
             f"s.d. {spread:.2f} m",
             f"s.d. {explained:.2f} m",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(spread - explained) < 0.1,
             "no lag of shaft speed alone gives it; see the readings of table 5",
             "0.1 m: what an s.d. of seven means leaves open",
@@ -313,13 +321,14 @@ def correction() -> list[Claim]:
             "table 6",
             "before the correction",
             "2.33 to 3.12 m",
-            f"{min(MEAN_M[n] for n in UP_TO_70):.2f} to {max(MEAN_M[n] for n in UP_TO_70):.2f} m",
-            How.RECOMPUTED,
-            all(abs(MEAN_M[n] - GAIN_M[n][0]) < 0.0051 for n in UP_TO_70),
+            f"{min(MEAN_M[n] for n in LINE_SPEEDS_RPM):.2f} to "
+            f"{max(MEAN_M[n] for n in LINE_SPEEDS_RPM):.2f} m",
+            ResultOrigin.RECOMPUTED,
+            all(abs(MEAN_M[n] - CORRECTION_GAIN_M[n][0]) < 0.0051 for n in LINE_SPEEDS_RPM),
             "the means of table 1",
-            f"0.005 m: {DIGITS}",
+            f"0.005 m: {ROUNDING_TEXT}",
         ),
-        compared(
+        compare_numbers(
             "abstract, table 6",
             "least gain of the correction",
             61.8,
@@ -335,7 +344,7 @@ def correction() -> list[Claim]:
             "gain by shaft speed",
             "61.8 to 91.6 %",
             f"{min(gains.values()):.1f} to {max(gains.values()):.1f} %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(max(gains.values()) - 91.6) < 0.1 and abs(min(gains.values()) - 61.8) < 0.15,
             "",
             "0.15 %: distances before rounded to 0.01 m",
@@ -345,12 +354,13 @@ def correction() -> list[Claim]:
             "what is left comes of the model's accuracy and of uneven speed",
             "an explanation",
             f"eq 6 misses the detected lags by {1000.0 * line:.0f} ms r.m.s., "
-            f"{MPS * line:.2f} m; an uneven speed "
+            f"{TEST_SPEED_MPS * line:.2f} m; an uneven speed "
             f"would have "
             f"to be {faster:.0f} % high",
-            How.RECOMPUTED,
-            MPS * line > 0.5 * missed,
-            f"too small by {missed / (MPS * line):.0f}, and uneven speed has both signs: "
+            ResultOrigin.RECOMPUTED,
+            TEST_SPEED_MPS * line > 0.5 * missed,
+            f"too small by {missed / (TEST_SPEED_MPS * line):.0f}, "
+            "and uneven speed has both signs: "
             f"{late} of 21 drives "
             f"landed late",
             f"{0.5 * missed:.2f} m: half of what is left",
@@ -358,7 +368,7 @@ def correction() -> list[Claim]:
     ]
 
 
-def set_up() -> list[Claim]:
+def list_set_up_claims() -> list[Claim]:
     """Returns claims about the set-up, which cannot be calculated from other numbers."""
     return [
         Claim(
@@ -403,6 +413,12 @@ def set_up() -> list[Claim]:
     ]
 
 
-def lag_claims(machine: Machine) -> list[Claim]:
+def list_lag_claims(machine: Machine) -> list[Claim]:
     """Returns all claims of the paper, in the order of its subjects."""
-    return [*equations(), *tables_1_to_3(machine), *table_4(machine), *correction(), *set_up()]
+    return [
+        *list_equation_claims(),
+        *list_table_claims(machine),
+        *list_table_4_claims(machine),
+        *list_correction_claims(),
+        *list_set_up_claims(),
+    ]

@@ -21,15 +21,15 @@ from topdress.control.machine.start import find_start_lag_s
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
 # Number of replicates of each shaft speed.
-REPLICATES = 3
+REPLICATE_COUNT = 3
 SPEED_MPS = LAG_SPEED_KMH / 3.6
 # Number of quadrature points between two positions.
-PHASES = 400
+PHASE_COUNT = 400
 # Minimum density, 1/m, to avoid the logarithm of zero.
-LEAST_DENSITY = 1e-300
+MIN_DENSITY = 1e-300
 
 
-class FieldReading(NamedTuple):
+class Interpretation(NamedTuple):
     """Holds one interpretation of the field experiment. Every deviation is off by default, so
     that eq 6 is exact."""
 
@@ -48,51 +48,51 @@ class FieldReading(NamedTuple):
 
 IN_PHASE = "eq 6, scatter, position at 1 Hz, replicates in phase"
 ONCE_A_SECOND = "eq 6, scatter, position at 1 Hz"
-READINGS = (
-    FieldReading("eq 6 exact"),
-    FieldReading("machine model", "model"),
-    FieldReading("machine model, scatter of table 3", "model", True),
-    FieldReading("field lag of table 1", "field"),
-    FieldReading("field lag, scatter of table 3", "field", True),
+INTERPRETATIONS = (
+    Interpretation("eq 6 exact"),
+    Interpretation("machine model", "model"),
+    Interpretation("machine model, scatter of table 3", "model", True),
+    Interpretation("field lag of table 1", "field"),
+    Interpretation("field lag, scatter of table 3", "field", True),
     *(
-        FieldReading(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz)
+        Interpretation(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz)
         for hz in (1.0, 5.0, 10.0)
     ),
-    FieldReading(IN_PHASE, "line", True, 1.0, True),
+    Interpretation(IN_PHASE, "line", True, 1.0, True),
     *(
-        FieldReading(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz)
+        Interpretation(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz)
         for hz in (1.0, 5.0, 10.0)
     ),
     *(
-        FieldReading(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz)
+        Interpretation(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz)
         for hz in (1.0, 5.0, 10.0)
     ),
 )
 
 
-def misses_m(
+def simulate_misses(
     machine: Machine,
     shaft_rpm: int,
-    reading: FieldReading,
+    reading: Interpretation,
     corrected: bool,
     trials: int,
     rng: np.random.Generator,
 ) -> Array:
     """Returns simulated misses (trials, REPLICATE_COUNT), m, at the paper's speed. KeyError for
     a shaft speed that the paper did not test."""
-    lag = np.full((trials, REPLICATES), _lag_s(machine, shaft_rpm, reading))
+    lag = np.full((trials, REPLICATE_COUNT), _find_lag_s(machine, shaft_rpm, reading))
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
         lag += rng.choice(drops - drops.mean(), lag.shape)
     if reading.update_hz is not None:
         lag += rng.uniform(
-            0.0, 1.0 / reading.update_hz, (trials, 1 if reading.shared_phase else REPLICATES)
+            0.0, 1.0 / reading.update_hz, (trials, 1 if reading.shared_phase else REPLICATE_COUNT)
         )
     ahead = SPEED_MPS * find_paper_lag_s(shaft_rpm) if corrected else 0.0
     return np.asarray(SPEED_MPS * lag - ahead, dtype=np.float64)
 
 
-def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
+def _find_lag_s(machine: Machine, shaft_rpm: int, reading: Interpretation) -> float:
     if reading.lag_from == "field":
         return float(np.mean(LAG_M[shaft_rpm])) / SPEED_MPS
     return (
@@ -102,10 +102,10 @@ def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
     )
 
 
-class ReadingFit(NamedTuple):
+class InterpretationFit(NamedTuple):
     """Holds the fit of an interpretation to table 5."""
 
-    reading: FieldReading
+    reading: Interpretation
     # Mean of all misses, m.
     mean_m: float
     # R.m.s. difference of the mean miss by shaft speed, simulated minus published, m.
@@ -121,16 +121,16 @@ class ReadingFit(NamedTuple):
 
 
 # Standard error of a tape measurement on the ground, m.
-MEASURED_TO_M = 0.05
+TAPE_SD_M = 0.05
 
 
-def explain(
+def compare_interpretations(
     machine: Machine,
     published_m: dict[int, tuple[float, ...]],
-    readings: tuple[FieldReading, ...] = READINGS,
+    readings: tuple[Interpretation, ...] = INTERPRETATIONS,
     trials: int = 2000,
     seed: int = 1,
-) -> list[ReadingFit]:
+) -> list[InterpretationFit]:
     """Compares every interpretation with the published misses, and returns the fits, the most
     likely first (`calc_joint_log_likelihood`).
 
@@ -139,39 +139,41 @@ def explain(
     rng = np.random.default_rng(seed)
     fits = []
     for reading in readings:
-        ours = {rpm: misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m}
+        ours = {
+            rpm: simulate_misses(machine, rpm, reading, True, trials, rng) for rpm in published_m
+        }
         apart = [
             float(ours[rpm].mean()) - sum(values) / len(values)
             for rpm, values in published_m.items()
         ]
         fits.append(
-            ReadingFit(
+            InterpretationFit(
                 reading,
                 float(np.mean([o.mean() for o in ours.values()])),
                 float(np.sqrt(np.mean(np.square(apart)))),
-                _within(list(ours.values())),
+                _calc_within_sd(list(ours.values())),
                 float(np.std([o.mean(axis=1) for o in ours.values()], axis=0, ddof=1).mean()),
-                joint_log_likelihood(machine, reading, published_m),
+                calc_joint_log_likelihood(machine, reading, published_m),
                 {rpm: float(o.mean()) for rpm, o in ours.items()},
             )
         )
     return sorted(fits, key=lambda fit: -fit.log_likelihood)
 
 
-def _within(groups: Sequence[Array]) -> float:
+def _calc_within_sd(groups: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean([np.var(group, axis=-1, ddof=1).mean() for group in groups])))
 
 
-def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, float, float]:
+def calc_published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, float, float]:
     """Returns the mean miss, the standard deviation between replicates, and that of their means
     between shaft speeds, m."""
     groups = [np.array(values) for values in published_m.values()]
     means = [float(group.mean()) for group in groups]
-    return float(np.mean(means)), _within(groups), float(np.std(means, ddof=1))
+    return float(np.mean(means)), _calc_within_sd(groups), float(np.std(means, ddof=1))
 
 
-def joint_log_likelihood(
-    machine: Machine, reading: FieldReading, published_m: dict[int, tuple[float, ...]]
+def calc_joint_log_likelihood(
+    machine: Machine, reading: Interpretation, published_m: dict[int, tuple[float, ...]]
 ) -> float:
     """Returns the joint log likelihood of all published misses, natural logarithm, 1/m.
 
@@ -182,15 +184,15 @@ def joint_log_likelihood(
     """
     total = 0.0
     for rpm, values in published_m.items():
-        by_phase = [_densities(machine, rpm, reading, value) for value in values]
+        by_phase = [_calc_densities(machine, rpm, reading, value) for value in values]
         if reading.shared_phase:
-            total += _log(float(np.mean(np.prod(by_phase, axis=0))))
+            total += _calc_log(float(np.mean(np.prod(by_phase, axis=0))))
         else:
-            total += sum(_log(float(one.mean())) for one in by_phase)
+            total += sum(_calc_log(float(one.mean())) for one in by_phase)
     return total
 
 
-class Rival(NamedTuple):
+class FieldLagRival(NamedTuple):
     """Holds a rival without mechanism: the field's own lag with two fitted spreads."""
 
     mean_m: float
@@ -204,7 +206,7 @@ class Rival(NamedTuple):
     penalised: float
 
 
-def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
+def fit_field_rival(published_m: dict[int, tuple[float, ...]]) -> FieldLagRival:
     """Returns the rival of maximum likelihood in closed form.
 
     The mean by shaft speed is table 1's distance minus the corrected lag; the deviations are normal
@@ -223,7 +225,7 @@ def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
         speeds * (replicates - 1) * (np.log(2.0 * np.pi * within) + 1.0)
         + speeds * (np.log(2.0 * np.pi * replicates * of_means) + 1.0)
     )
-    return Rival(
+    return FieldLagRival(
         float(np.mean(expected)),
         float(np.sqrt(max(0.0, of_means - within / replicates))),
         float(np.sqrt(within)),
@@ -232,27 +234,27 @@ def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
     )
 
 
-def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m: float) -> Array:
+def _calc_densities(
+    machine: Machine, shaft_rpm: int, reading: Interpretation, value_m: float
+) -> Array:
     """Returns the density of one miss at each phase (PHASE_COUNT,), 1/m."""
-    lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))
+    lag_s = np.full((PHASE_COUNT, 1), _find_lag_s(machine, shaft_rpm, reading))
     if reading.update_hz is not None:
-        lag_s += (np.arange(PHASES)[:, None] + 0.5) / PHASES / reading.update_hz
+        lag_s += (np.arange(PHASE_COUNT)[:, None] + 0.5) / PHASE_COUNT / reading.update_hz
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
         lag_s = lag_s + (drops - drops.mean())
-    z = (value_m - SPEED_MPS * (lag_s - find_paper_lag_s(shaft_rpm))) / MEASURED_TO_M
-    return np.asarray(
-        np.mean(np.exp(-0.5 * z * z), axis=1) / (MEASURED_TO_M * np.sqrt(2.0 * np.pi))
-    )
+    z = (value_m - SPEED_MPS * (lag_s - find_paper_lag_s(shaft_rpm))) / TAPE_SD_M
+    return np.asarray(np.mean(np.exp(-0.5 * z * z), axis=1) / (TAPE_SD_M * np.sqrt(2.0 * np.pi)))
 
 
-def _log(density: float) -> float:
-    return float(np.log(max(density, LEAST_DENSITY)))
+def _calc_log(density: float) -> float:
+    return float(np.log(max(density, MIN_DENSITY)))
 
 
-def wider_apart(
+def calc_exceedance_share(
     machine: Machine,
-    reading: FieldReading,
+    reading: Interpretation,
     published_m: dict[int, tuple[float, ...]],
     trials: int = 4000,
     seed: int = 1,
@@ -263,7 +265,9 @@ def wider_apart(
     The statistic is the ratio of the two standard deviations.
     """
     rng = np.random.default_rng(seed)
-    drawn = np.stack([misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m])
+    drawn = np.stack(
+        [simulate_misses(machine, rpm, reading, True, trials, rng) for rpm in published_m]
+    )
 
     def ratio(misses: Array) -> Array:
         between, within = (

@@ -18,8 +18,8 @@ from topdress.control.machine.elements import Array
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
 from topdress.control.papers.decision_paper_claims import (
-    extra_nitrogen_kg_ha,
-    rate_from_weighing_kg_ha,
+    calc_extra_nitrogen,
+    calc_weighed_rate,
 )
 from topdress.control.simulation.assembly import (
     add_simulated_field,
@@ -29,31 +29,36 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.canopy import CanopyField
 from topdress.control.simulation.closed_loop import simulate_run
 
-from .decision_paper_claims import decision_claims, found_in_grain, grain_n, yields
-from .page import Cell, Line, Picture, Section, Table, ledger
+from .decision_paper_claims import (
+    list_decision_claims,
+    list_grain_nitrogen,
+    make_grain_table,
+    make_yield_table,
+)
+from .page import Line, Picture, Section, Table, TableCell, make_claim_table
 from .published import (
-    APPLIED,
+    APPLIED_AMOUNTS,
     EXTRA_N_KG_HA,
     MAIN_SPEED_KMH,
-    NDVI_OF,
-    PLOTS,
-    SAMPLING,
+    PLOT_NAMES,
+    PLOT_NDVI,
+    SAMPLING_PERCENT,
     UNIFORM_KG_HA,
 )
 
 # Length and width of a plot, m: 600 m2 in one pass.
-PLOT_M, WIDTH_M = 250.0, 2.4
+PLOT_LENGTH_M, PLOT_WIDTH_M = 250.0, 2.4
 # Approximate mean NDVI and CV, %, of the paper's plots.
 MEAN_NDVI, CV_PERCENT = 0.51, 9.7
 # Correlation length of the simulated canopy, m.
 CORRELATION_M = 6.0
 # Number of simulated trials.
-RUNS = 4
+TRIAL_COUNT = 4
 # Number of draws of the fitting canopy: the mean's error is then a fifth of a draw's.
-DRAWS = 30
+DRAW_COUNT = 30
 # Trial canopies: name, length of a plot in one pass, m (600 m2, or a third), and correlation length
 # of the readings, m.
-CANOPIES = (
+TRIAL_CANOPIES = (
     ("plots of 200 m2 and readings that hardly depend on one another", 83.0, 0.3),
     ("plots of 200 m2 and a correlation of 6 m", 83.0, 6.0),
     ("plots of 600 m2 and readings that hardly depend on one another", 250.0, 0.3),
@@ -61,46 +66,47 @@ CANOPIES = (
 )
 
 
-def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
+def make_decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
     """Returns the section with all published and obtained values of the paper."""
     rule = prepare_rule(crop)
-    sampled, words = sampling(seed)
-    forward, forward_words = forward_targets(crop)
-    table_2 = amounts(machine, crop, rule, seed)
-    claims = tuple(decision_claims(crop, sampled[0], forward, table_2))
+    sampled, words = simulate_sampling(seed)
+    forward, forward_words = compare_forward_targets(crop)
+    table_2 = simulate_amounts(machine, crop, rule, seed)
+    claims = tuple(list_decision_claims(crop, sampled[0], forward, table_2))
     return Section(
         "Decision system: NDVI to urea rate",
-        (*words, *forward_words, grain_words()),
+        (*words, *forward_words, describe_grain_nitrogen()),
         (
-            ledger("decision paper", claims),
+            make_claim_table("decision paper", claims),
             *sampled,
             forward,
             table_2,
-            nitrogen(),
-            found_in_grain(),
-            grades(crop),
-            yields(),
+            make_nitrogen_table(),
+            make_grain_table(),
+            make_grade_table(crop),
+            make_yield_table(),
         ),
-        (rate_picture(crop), sampling_picture(sampled[0]), grain_picture()),
+        (make_rate_picture(crop), make_sampling_picture(sampled[0]), make_grain_picture()),
         claims,
     )
 
 
-def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
+def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     """Returns table 1 for simulated canopies: for each plot a canopy of the published CV at 2
     Hz, read by each interpretation."""
     papers = [
-        {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
+        {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
+        for k in range(len(PLOT_NAMES))
     ]
     chosen = choose_frequency(papers)
     rows: list[tuple[str | float, ...]] = [
         ("published", *(chosen.departure[hz] for hz in FREQUENCIES_HZ[1:]))
     ]
     apart: dict[str, float] = {}
-    for name, length_m, correlation_m in CANOPIES:
+    for name, length_m, correlation_m in TRIAL_CANOPIES:
         runs = [
-            choose_frequency(_plots(length_m, correlation_m, seed + 100 * run))
-            for run in range(RUNS)
+            choose_frequency(_simulate_plots(length_m, correlation_m, seed + 100 * run))
+            for run in range(TRIAL_COUNT)
         ]
         mean = [float(np.mean([run.departure[hz] for run in runs])) for hz in FREQUENCIES_HZ[1:]]
         rows.append((name, *mean))
@@ -113,15 +119,21 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
             )
         )
     fits = min(apart, key=lambda name: apart[name])
-    _, length_m, correlation_m = next(canopy for canopy in CANOPIES if canopy[0] == fits)
-    draws = [_plots(length_m, correlation_m, seed + 100 * run) for run in range(DRAWS)]
-    table: list[tuple[Cell, ...]] = []
+    _, length_m, correlation_m = next(canopy for canopy in TRIAL_CANOPIES if canopy[0] == fits)
+    draws = [
+        _simulate_plots(length_m, correlation_m, seed + 100 * run) for run in range(DRAW_COUNT)
+    ]
+    table: list[tuple[TableCell, ...]] = []
     for hz in FREQUENCIES_HZ:
         figures: list[float | None] = [
-            *_mean_sd([plot[hz].cv_percent for plot in papers]),
-            *_mean_sd([plot[hz].cuc_percent for plot in papers]),
-            *_mean_sd([float(np.mean([plot[hz].cv_percent for plot in draw])) for draw in draws]),
-            *_mean_sd([float(np.mean([plot[hz].cuc_percent for plot in draw])) for draw in draws]),
+            *_calc_mean_sd([plot[hz].cv_percent for plot in papers]),
+            *_calc_mean_sd([plot[hz].cuc_percent for plot in papers]),
+            *_calc_mean_sd(
+                [float(np.mean([plot[hz].cv_percent for plot in draw])) for draw in draws]
+            ),
+            *_calc_mean_sd(
+                [float(np.mean([plot[hz].cuc_percent for plot in draw])) for draw in draws]
+            ),
         ]
         if hz == FREQUENCIES_HZ[0]:
             # These columns are inputs of the simulated canopy.
@@ -131,8 +143,9 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
         "Table 1 needs the NDVI of the field, which is not printed: the canopy is "
         "simulated, each plot with its "
         "published CV at 2 Hz. The frequency that changes CV and C_uc least is "
-        f"{chosen.frequency_hz:g} Hz in the paper's figures and 1 Hz in {_share(draws)} of "
-        f"{DRAWS} draws of ours.",
+        f"{chosen.frequency_hz:g} Hz in the paper's figures and 1 Hz in "
+        f"{_count_best_draws(draws)} of "
+        f"{DRAW_COUNT} draws of ours.",
         "How much they change tells how the canopy was read: the published changes fit "
         f"best with {fits} (apart by "
         f"{apart[fits]:.2f} percentage points in the mean; "
@@ -145,7 +158,7 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
         Table(
             "Table 1: CV and uniformity by sampling frequency, mean and s.d. over twelve "
             "plots, %; ours the mean "
-            f"of {DRAWS} draws of twelve plots and the s.d. of one draw, with " + fits,
+            f"of {DRAW_COUNT} draws of twelve plots and the s.d. of one draw, with " + fits,
             (
                 "Hz",
                 "CV published",
@@ -170,19 +183,23 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     ), words
 
 
-def _share(draws: list[list[dict[float, Evenness]]]) -> int:
+def _count_best_draws(draws: list[list[dict[float, Evenness]]]) -> int:
     """Returns the number of draws in which 1 Hz changes the statistics of the canopy least."""
     return sum(choose_frequency(draw).frequency_hz == 1.0 for draw in draws)
 
 
-def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float, Evenness]]:
+def _simulate_plots(
+    length_m: float, correlation_m: float, seed: int
+) -> list[dict[float, Evenness]]:
     return [
-        tabulate_frequencies(_readings(cv_percent, length_m, correlation_m, seed + k))
-        for k, (cv_percent, _) in enumerate(SAMPLING[2.0])
+        tabulate_frequencies(_simulate_readings(cv_percent, length_m, correlation_m, seed + k))
+        for k, (cv_percent, _) in enumerate(SAMPLING_PERCENT[2.0])
     ]
 
 
-def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: int) -> Array:
+def _simulate_readings(
+    cv_percent: float, length_m: float, correlation_m: float, seed: int
+) -> Array:
     """Returns simulated NDVI at 2 Hz along a plot, mean of six heads, with the given CV."""
     field = CanopyField(
         Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m),
@@ -191,7 +208,7 @@ def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: in
         seed,
     )
     ways = np.arange(0.0, length_m, MAIN_SPEED_KMH / 3.6 / 2.0)
-    heads = (np.arange(6) - 2.5) * WIDTH_M / 6
+    heads = (np.arange(6) - 2.5) * PLOT_WIDTH_M / 6
     readings = np.mean(
         [field.find_many_ndvi(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0
     )
@@ -202,24 +219,30 @@ def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: in
     )
 
 
-def _mean_sd(values: list[float]) -> tuple[float, float]:
+def _calc_mean_sd(values: list[float]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1))
 
 
-def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
+def compare_forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
     """Returns FC's target of table 2 from the mean NDVI printed in figure 2, by four
     interpretations of section 2.1."""
-    ndvi = NDVI_OF["FC"]
+    ndvi = PLOT_NDVI["FC"]
     cv_percent = float(
-        np.mean([SAMPLING[2.0][k][0] for k, plot in enumerate(PLOTS) if plot.startswith("FC")])
+        np.mean(
+            [
+                SAMPLING_PERCENT[2.0][k][0]
+                for k, plot in enumerate(PLOT_NAMES)
+                if plot.startswith("FC")
+            ]
+        )
     )
     smooth = crop.model_copy(update={"grades": False})
-    area_m2, target_kg, _, _ = APPLIED["FC"]
+    area_m2, target_kg, _, _ = APPLIED_AMOUNTS["FC"]
     kg = {
-        "smooth rate at the mean": _mean_rate(smooth, ndvi, 0.0),
-        "smooth rate over the canopy": _mean_rate(smooth, ndvi, cv_percent),
-        "grades over the canopy": _mean_rate(crop, ndvi, cv_percent),
-        "one grade, of the mean": _mean_rate(crop, ndvi, 0.0),
+        "smooth rate at the mean": _calc_mean_rate(smooth, ndvi, 0.0),
+        "smooth rate over the canopy": _calc_mean_rate(smooth, ndvi, cv_percent),
+        "grades over the canopy": _calc_mean_rate(crop, ndvi, cv_percent),
+        "one grade, of the mean": _calc_mean_rate(crop, ndvi, 0.0),
     }
     found = {name: rate * area_m2 / 10_000.0 for name, rate in kg.items()}
     words = (
@@ -237,7 +260,7 @@ def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
     ), words
 
 
-def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
+def _calc_mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
     """Returns the mean rate of a canopy with normally distributed NDVI of this mean and CV,
     kg/ha."""
     rule = prepare_rule(crop)
@@ -248,12 +271,13 @@ def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
     return float(np.average(values, weights=np.exp(-0.5 * z * z)))
 
 
-def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
+def simulate_amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
     """Returns FC of table 2 on the simulated machine and a canopy of its printed NDVI: with the
     machine file, and with an unknown additional outflow of 7 %."""
-    _, target_kg, applied_kg, error_percent = APPLIED["FC"]
+    _, target_kg, applied_kg, error_percent = APPLIED_AMOUNTS["FC"]
     nominal, planted = (
-        _plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",))
+        _simulate_plot(machine, crop, rule, PLOT_NDVI["FC"], seed, effect)
+        for effect in ((), ("flow.gain=7",))
     )
     row = ("FC", target_kg, applied_kg, error_percent, *nominal, *planted)
     return Table(
@@ -276,7 +300,7 @@ def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
     )
 
 
-def _plot(
+def _simulate_plot(
     machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int, effects: tuple[str, ...]
 ) -> tuple[float, float, float]:
     """Returns the target mass, kg, the truly released mass over the plot, kg, and the error, %."""
@@ -285,14 +309,14 @@ def _plot(
         Job(
             flow_trim=False,
             simulated=Simulated(
-                speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_M, canopy=canopy
+                speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_LENGTH_M, canopy=canopy
             ),
         ),
         machine,
     )
     plant = make_plant(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
     loop = make_control_loop(machine, crop, rule, job)
-    seconds = (PLOT_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
+    seconds = (PLOT_LENGTH_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
     target = released = 0.0
     for step in simulate_run(plant, loop, seconds):
         target += (
@@ -306,12 +330,12 @@ def _plot(
     return target, released, 100.0 * (released / target - 1.0)
 
 
-def nitrogen() -> Table:
+def make_nitrogen_table() -> Table:
     """Returns the sources of the abstract's additional 28 kg/ha of nitrogen, by the columns of
     table 2."""
     extra = [
-        extra_nitrogen_kg_ha(
-            [rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
+        calc_extra_nitrogen(
+            [calc_weighed_rate(row[column], row[0]) for row in APPLIED_AMOUNTS.values()],
             UNIFORM_KG_HA,
         )
         for column in (1, 2)
@@ -324,9 +348,9 @@ def nitrogen() -> Table:
     )
 
 
-def grain_words() -> str:
+def describe_grain_nitrogen() -> str:
     """Describes the nitrogen found in the grain."""
-    shares = ", ".join(f"{100.0 * one.share:.1f}" for one in grain_n())
+    shares = ", ".join(f"{100.0 * one.share:.1f}" for one in list_grain_nitrogen())
     return (
         f"Eq 2 takes 60 % of the nitrogen to be found in the grain; table 3 holds {shares} "
         "% of what FA, FB and FC "
@@ -338,9 +362,9 @@ def grain_words() -> str:
     )
 
 
-def grain_picture() -> Picture:
+def make_grain_picture() -> Picture:
     """Returns a picture of eq 2's assumption and table 3's result."""
-    found = grain_n()
+    found = list_grain_nitrogen()
     return Picture(
         "Table 3 against eq 2: nitrogen in the grain over nitrogen given, both more than CK",
         "N given, kg/ha",
@@ -363,7 +387,7 @@ def grain_picture() -> Picture:
     )
 
 
-def grades(crop: Crop) -> Table:
+def make_grade_table(crop: Crop) -> Table:
     """Returns the grades of figure 4; the width of 0.5 in the text should be 0.05."""
     rows = tuple(
         (f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha)
@@ -377,7 +401,7 @@ def grades(crop: Crop) -> Table:
     )
 
 
-def sampling_picture(table: Table) -> Picture:
+def make_sampling_picture(table: Table) -> Picture:
     """Returns figure 3 from table 1 and from the simulated canopy; `table`: the first of
     `simulate_sampling`."""
     hz = [float(str(row[0])) for row in table.rows]
@@ -398,11 +422,11 @@ def sampling_picture(table: Table) -> Picture:
     )
 
 
-def rate_picture(crop: Crop) -> Picture:
+def make_rate_picture(crop: Crop) -> Picture:
     """Returns the picture of rate over NDVI."""
     smooth, graded = prepare_rule(crop.model_copy(update={"grades": False})), prepare_rule(crop)
     ndvi = np.linspace(0.2, 0.8, 601)
-    at = rate_from_weighing_kg_ha(APPLIED["FC"][1], APPLIED["FC"][0])
+    at = calc_weighed_rate(APPLIED_AMOUNTS["FC"][1], APPLIED_AMOUNTS["FC"][0])
     return Picture(
         "Figure 4: rate over NDVI, drawn from eq 2 to 5 (the paper's own curve was not read off)",
         "NDVI",
@@ -423,7 +447,10 @@ def rate_picture(crop: Crop) -> Picture:
                 True,
             ),
             Line(
-                "FC: target of table 2 at the NDVI of figure 2", "published", [NDVI_OF["FC"]], [at]
+                "FC: target of table 2 at the NDVI of figure 2",
+                "published",
+                [PLOT_NDVI["FC"]],
+                [at],
             ),
         ),
     )

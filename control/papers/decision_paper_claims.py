@@ -16,11 +16,19 @@ from topdress.control.agronomy.noa import (
 )
 from topdress.control.agronomy.sampling import FREQUENCIES_HZ, Evenness, choose_frequency
 
-from .page import DIGITS, Claim, How, Table, compared
-from .published import APPLIED, EXTRA_N_KG_HA, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA, YIELDS
+from .page import ROUNDING_TEXT, Claim, ResultOrigin, Table, compare_numbers
+from .published import (
+    APPLIED_AMOUNTS,
+    EXTRA_N_KG_HA,
+    PLOT_NAMES,
+    PLOT_NDVI,
+    SAMPLING_PERCENT,
+    TREATMENT_YIELDS,
+    UNIFORM_KG_HA,
+)
 
 
-def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
+def calc_weighed_rate(product_kg: float, area_m2: float) -> float:
     """Returns the rate of a product weighed over an area, kg/ha. ValueError unless the area is
     above 0."""
     if not area_m2 > 0.0:
@@ -28,7 +36,7 @@ def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
     return product_kg * 10_000.0 / area_m2
 
 
-def extra_nitrogen_kg_ha(
+def calc_extra_nitrogen(
     rates_kg_ha: Sequence[float], uniform_kg_ha: float, product_n_fraction: float = 0.45
 ) -> float:
     """Returns the additional nitrogen of variable over uniform dressing, kg N/ha, as the mean of
@@ -43,7 +51,7 @@ def extra_nitrogen_kg_ha(
 
 
 # CV of the NDVI on 28 March, % (section 3.1 and conclusion 2).
-AFTER_CV = {"CK": 11.32, "CP": 10.21, "variable": 8.68}
+CV_AFTER_PERCENT = {"CK": 11.32, "CP": 10.21, "variable": 8.68}
 HARVESTED_M2 = 5.0
 # Nitrogen share of urea, and nitrogen in the grain, kg/t (eq 2).
 UREA_N, GRAIN_N_KG_T = 0.45, 23.9
@@ -52,19 +60,21 @@ BASE_N_KG_HA = 225.0 * UREA_N + 150.0 * 0.18
 # Yield without the N-rich strip, t/ha.
 WITHOUT_STRIP_T_HA = 6.73
 # Days of growth.
-DAYS = 82.0
+GROWTH_DAYS = 82.0
 # Yield curve of eq 3: t/ha, and exponent times days.
 PAPER_CURVE = (0.359, 324.4)
 
 
-def yields() -> Table:
+def make_yield_table() -> Table:
     """Returns table 3: yields from the sample weights, and by eq 3 for the plots with printed
     NDVI."""
     rows = []
-    for plot, (sample_kg, cv, kg_ha) in YIELDS.items():
-        ndvi = NDVI_OF.get(plot)
+    for plot, (sample_kg, cv, kg_ha) in TREATMENT_YIELDS.items():
+        ndvi = PLOT_NDVI.get(plot)
         potential = (
-            None if ndvi is None else 1000.0 * calc_yield_without_t_ha(ndvi / DAYS, *PAPER_CURVE)
+            None
+            if ndvi is None
+            else 1000.0 * calc_yield_without_t_ha(ndvi / GROWTH_DAYS, *PAPER_CURVE)
         )
         rows.append(
             (
@@ -98,7 +108,7 @@ def yields() -> Table:
     )
 
 
-class GrainN(NamedTuple):
+class GrainNitrogen(NamedTuple):
     """Holds the additional nitrogen, relative to CK, that a plot received and has in its grain,
     kg N/ha."""
 
@@ -111,49 +121,55 @@ class GrainN(NamedTuple):
         return self.grain_kg_ha / self.given_kg_ha
 
 
-def grain_n() -> list[GrainN]:
+def list_grain_nitrogen() -> list[GrainNitrogen]:
     """Returns the nitrogen of FA, FB and FC: base dressing of a third, two thirds and all
     (section 1.1), and table 2's applied urea, with table 3's yields."""
     found = []
     for thirds, plot in enumerate(("FA", "FB", "FC"), start=1):
-        topdressed = rate_from_weighing_kg_ha(APPLIED[plot][2], APPLIED[plot][0]) * UREA_N
+        topdressed = calc_weighed_rate(APPLIED_AMOUNTS[plot][2], APPLIED_AMOUNTS[plot][0]) * UREA_N
         found.append(
-            GrainN(
+            GrainNitrogen(
                 plot,
                 BASE_N_KG_HA * thirds / 3.0 + topdressed,
-                (YIELDS[plot][2] - YIELDS["CK"][2]) * GRAIN_N_KG_T / 1000.0,
+                (TREATMENT_YIELDS[plot][2] - TREATMENT_YIELDS["CK"][2]) * GRAIN_N_KG_T / 1000.0,
             )
         )
     return found
 
 
-def found_in_grain() -> Table:
+def make_grain_table() -> Table:
     return Table(
         "Eq 2 against table 3: nitrogen given and held by the grain, both more than CK; eq "
         "2 takes 60 %",
         ("plot", "given, kg N/ha", "in the grain, kg N/ha", "share, %"),
-        tuple((one.plot, one.given_kg_ha, one.grain_kg_ha, 100.0 * one.share) for one in grain_n()),
+        tuple(
+            (one.plot, one.given_kg_ha, one.grain_kg_ha, 100.0 * one.share)
+            for one in list_grain_nitrogen()
+        ),
         (0, 1, 2, 1),
     )
 
 
-def sampling_claims(simulated: Table) -> list[Claim]:
+def list_sampling_claims(simulated: Table) -> list[Claim]:
     """Returns the claims of section 1.2 and figure 3 from table 1. `simulated`: table 1 on a
     simulated canopy."""
     ours = [float(row[5] or 0.0) for row in simulated.rows[1:]]
-    cv = {hz: np.array([pair[0] for pair in SAMPLING[hz]]) for hz in FREQUENCIES_HZ}
-    cuc = np.concatenate([[pair[1] for pair in SAMPLING[hz]] for hz in FREQUENCIES_HZ])
+    cv = {hz: np.array([pair[0] for pair in SAMPLING_PERCENT[hz]]) for hz in FREQUENCIES_HZ}
+    cuc = np.concatenate([[pair[1] for pair in SAMPLING_PERCENT[hz]] for hz in FREQUENCIES_HZ])
     within = 2.0 * max(float(row[6] or 0.0) for row in simulated.rows)
     table = np.array([cv[hz] for hz in FREQUENCIES_HZ])
     spread = table.max(axis=0) - table.min(axis=0)
     most, least = int(spread.argmax()), int(spread.argmin())
     plots = [
-        {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
+        {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
+        for k in range(len(PLOT_NAMES))
     ]
     chosen = choose_frequency(plots)
     deviation = float(np.mean((100.0 - cuc) / table.ravel()))
     groups = {
-        name: float(np.mean([cv[2.0][k] for k, plot in enumerate(PLOTS) if plot.startswith(name)]))
+        name: float(
+            np.mean([cv[2.0][k] for k, plot in enumerate(PLOT_NAMES) if plot.startswith(name)])
+        )
         for name in ("CK", "FA", "FB", "FC")
     }
     largest = max(groups, key=lambda name: groups[name])
@@ -164,7 +180,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "C_uc of readings spread normally: mean deviation over s.d. is 0.798",
             f"{deviation:.3f} (table 1)",
             "0.798",
-            How.SIMULATED,
+            ResultOrigin.SIMULATED,
             None,
             "eq 1 on a normal distribution; published is the mean of (100 - C_uc) / CV over "
             "the 60 cells of table 1: "
@@ -175,7 +191,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "CV at 2, 1, 0.5, 0.25, 0.125 Hz, mean of 12 plots",
             ", ".join(f"{cv[hz].mean():.2f}" for hz in cv) + " %",
             "input, " + ", ".join(f"{value:.2f}" for value in ours) + " %",
-            How.SIMULATED,
+            ResultOrigin.SIMULATED,
             all(
                 abs(value - cv[hz].mean()) < within
                 for value, hz in zip(ours, FREQUENCIES_HZ[1:], strict=True)
@@ -194,7 +210,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             f"{groups[largest]:.2f} % in "
             f"{largest}, "
             f"FC {groups['FC']:.2f} %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             largest == "FC",
             "true of plot FC-1, not of the treatment",
             "none: the largest of four",
@@ -204,22 +220,22 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "smallest mean NDVI (CK), CV at least",
             "0.467; 8.22 %",
             f"{min(cv[2.0][:3]):.2f} %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(min(cv[2.0][:3]) - 8.22) < 0.005,
             "the CV; the NDVI is copied",
-            f"0.005 %: {DIGITS}",
+            f"0.005 %: {ROUNDING_TEXT}",
         ),
         Claim(
             "section 1.2",
             "C_uc stays within",
             "90 to 96 %",
             f"{low:.2f} to {high:.2f} %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             low >= 90.0 and high <= 96.05,
             "",
             "0.05 %: printed as whole percents",
         ),
-        compared(
+        compare_numbers(
             "section 1.2",
             "largest CV (0.25 Hz, FB-0)",
             13.85,
@@ -227,7 +243,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             0.005,
             "{:.2f} %",
         ),
-        compared(
+        compare_numbers(
             "section 1.2",
             "smallest CV (0.125 Hz, FB-2)",
             4.81,
@@ -239,9 +255,9 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "section 1.2",
             "largest spread of CV over frequencies",
             "8.35 % (FB-2)",
-            f"{spread[most]:.2f} % ({PLOTS[most]})",
-            How.RECOMPUTED,
-            PLOTS[most] == "FB-2",
+            f"{spread[most]:.2f} % ({PLOT_NAMES[most]})",
+            ResultOrigin.RECOMPUTED,
+            PLOT_NAMES[most] == "FB-2",
             "",
             "none: the plot that is named",
         ),
@@ -249,10 +265,12 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "section 1.2",
             "smallest spread of CV over frequencies",
             "1.91 % (FC-2)",
-            f"{spread[least]:.2f} % ({PLOTS[least]})",
-            How.RECOMPUTED,
-            PLOTS[least] == "FC-2",
-            "" if PLOTS[least] == "FC-2" else f"FC-2: {spread[PLOTS.index('FC-2')]:.2f} %",
+            f"{spread[least]:.2f} % ({PLOT_NAMES[least]})",
+            ResultOrigin.RECOMPUTED,
+            PLOT_NAMES[least] == "FC-2",
+            ""
+            if PLOT_NAMES[least] == "FC-2"
+            else f"FC-2: {spread[PLOT_NAMES.index('FC-2')]:.2f} %",
             "none: the plot that is named",
         ),
         Claim(
@@ -261,7 +279,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
             "1 Hz",
             f"{chosen.frequency_hz:g} Hz: change of CV plus C_uc "
             + ", ".join(f"{chosen.departure[hz]:.2f} at {hz:g} Hz" for hz in FREQUENCIES_HZ[1:]),
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             chosen.frequency_hz == 1.0,
             "",
             "none: the frequency that is named",
@@ -269,9 +287,9 @@ def sampling_claims(simulated: Table) -> list[Claim]:
     ]
 
 
-def ndvi_claims() -> list[Claim]:
+def list_ndvi_claims() -> list[Claim]:
     """Returns the claims of section 3.1: the effect of topdressing on the NDVI."""
-    raw = np.array([pair[0] for pair in SAMPLING[2.0]])
+    raw = np.array([pair[0] for pair in SAMPLING_PERCENT[2.0]])
     ck, variable = float(raw[:3].mean()), float(raw[3:].mean())
     return [
         Claim("figure 7", "mean NDVI on 28 March: CK, CP", "0.671, 0.803"),
@@ -279,13 +297,13 @@ def ndvi_claims() -> list[Claim]:
             "figure 7",
             "CV of CK on 28 March, grown by",
             "11.32 %, by 3 %",
-            f"by {AFTER_CV['CK'] - ck:.2f} (mean of CK at 2 Hz {ck:.2f} %); by "
-            f"{AFTER_CV['CK'] - 8.22:.2f} from the "
+            f"by {CV_AFTER_PERCENT['CK'] - ck:.2f} (mean of CK at 2 Hz {ck:.2f} %); by "
+            f"{CV_AFTER_PERCENT['CK'] - 8.22:.2f} from the "
             "smallest plot",
-            How.RECOMPUTED,
-            abs(AFTER_CV["CK"] - ck - 3.0) < 0.5,
-            "3 is had from CK-2 alone" if abs(AFTER_CV["CK"] - ck - 3.0) >= 0.25 else "",
-            f"0.5 %: {DIGITS}",
+            ResultOrigin.RECOMPUTED,
+            abs(CV_AFTER_PERCENT["CK"] - ck - 3.0) < 0.5,
+            "3 is had from CK-2 alone" if abs(CV_AFTER_PERCENT["CK"] - ck - 3.0) >= 0.25 else "",
+            f"0.5 %: {ROUNDING_TEXT}",
         ),
         Claim(
             "figure 7",
@@ -299,11 +317,11 @@ def ndvi_claims() -> list[Claim]:
             "3.57 %",
             remark="the CV of single plots on 28 March are not printed",
         ),
-        compared(
+        compare_numbers(
             "abstract, section 3.1",
             "CV of the variable plots fallen by, mean",
             1.46,
-            variable - AFTER_CV["variable"],
+            variable - CV_AFTER_PERCENT["variable"],
             0.011,
             "{:.2f} %",
             remark=f"table 1 at 2 Hz ({variable:.2f} %) less the conclusion's 8.68 %",
@@ -318,27 +336,29 @@ def ndvi_claims() -> list[Claim]:
     ]
 
 
-def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
+def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     """Returns the claims of section 2.1 and table 2. `forward`: FC's target from its NDVI;
     `simulated`: table 2 on the machine."""
     smooth = prepare_rule(crop.model_copy(update={"grades": False}))
     at_edge = calc_requirement_kg_ha(
-        WITHOUT_STRIP_T_HA, calc_yield_without_t_ha(0.75 / DAYS, *PAPER_CURVE)
+        WITHOUT_STRIP_T_HA, calc_yield_without_t_ha(0.75 / GROWTH_DAYS, *PAPER_CURVE)
     )
-    rates = {plot: rate_from_weighing_kg_ha(row[1], row[0]) for plot, row in APPLIED.items()}
-    errors = {plot: 100.0 * (row[2] / row[1] - 1.0) for plot, row in APPLIED.items()}
-    targets, applied = ([row[column] for row in APPLIED.values()] for column in (1, 2))
+    rates = {plot: calc_weighed_rate(row[1], row[0]) for plot, row in APPLIED_AMOUNTS.items()}
+    errors = {plot: 100.0 * (row[2] / row[1] - 1.0) for plot, row in APPLIED_AMOUNTS.items()}
+    targets, applied = ([row[column] for row in APPLIED_AMOUNTS.values()] for column in (1, 2))
     extra = [
-        extra_nitrogen_kg_ha([rate_from_weighing_kg_ha(kg, 600.0) for kg in amounts], UNIFORM_KG_HA)
+        calc_extra_nitrogen([calc_weighed_rate(kg, 600.0) for kg in amounts], UNIFORM_KG_HA)
         for amounts in (targets, applied)
     ]
     sown, sensed = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
-    index = WITHOUT_STRIP_T_HA / calc_yield_without_t_ha(NDVI_OF["CK"] / DAYS, *PAPER_CURVE)
+    index = WITHOUT_STRIP_T_HA / calc_yield_without_t_ha(
+        PLOT_NDVI["CK"] / GROWTH_DAYS, *PAPER_CURVE
+    )
     grades = make_rate_table(crop)
     width = grades[0].ndvi_to - grades[0].ndvi_above
-    reached = float(np.mean([YIELDS[plot][2] for plot in APPLIED])) / 1000.0
+    reached = float(np.mean([TREATMENT_YIELDS[plot][2] for plot in APPLIED_AMOUNTS])) / 1000.0
     ck, fc = (
-        1000.0 * calc_yield_without_t_ha(NDVI_OF[plot] / DAYS, *PAPER_CURVE)
+        1000.0 * calc_yield_without_t_ha(PLOT_NDVI[plot] / GROWTH_DAYS, *PAPER_CURVE)
         for plot in ("CK", "FC")
     )
     forward_kg = [float(cell or 0.0) for cell in forward.rows[0][2:]]
@@ -349,7 +369,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "urea for a yield: R = 23.9 (Y_PN - Y_P0) / (0.45 x 0.6)",
             "no value printed",
             f"{at_edge:.1f} kg/ha at NDVI 0.75",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             None,
             "below zero as printed; here never below 0",
         ),
@@ -358,29 +378,30 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "eq 2, table 3",
             "share of the nitrogen that the grain holds, FA, FB, FC",
             "0.6",
-            ", ".join(f"{one.share:.3f}" for one in grain_n()),
-            How.RECOMPUTED,
-            all(0.5 <= one.share <= 0.7 for one in grain_n()),
+            ", ".join(f"{one.share:.3f}" for one in list_grain_nitrogen()),
+            ResultOrigin.RECOMPUTED,
+            all(0.5 <= one.share <= 0.7 for one in list_grain_nitrogen()),
             "more than CK holds, over base and topdressing; the yield hardly answered to nitrogen",
             "0.1: 0.5 to 0.7 is printed",
         ),
         Claim(
             "eq 3",
             "potential of CK without topdressing (NDVI 0.467), against its yield",
-            f"{YIELDS['CK'][2]:.1f} kg/ha",
+            f"{TREATMENT_YIELDS['CK'][2]:.1f} kg/ha",
             f"{ck:.0f} kg/ha",
-            How.RECOMPUTED,
-            abs(ck / YIELDS["CK"][2] - 1.0) < 0.1,
-            f"eq 3 leaves {100.0 * ck / YIELDS['CK'][2]:.0f} % of what the control plot gave",
+            ResultOrigin.RECOMPUTED,
+            abs(ck / TREATMENT_YIELDS["CK"][2] - 1.0) < 0.1,
+            f"eq 3 leaves {100.0 * ck / TREATMENT_YIELDS['CK'][2]:.0f} % "
+            "of what the control plot gave",
             "10 %: less than the plot's own CV of 15.2 %",
         ),
         Claim(
             "eq 3",
             "potential of FC without topdressing (NDVI 0.546), below its yield with it",
-            f"{YIELDS['FC'][2]:.1f} kg/ha",
+            f"{TREATMENT_YIELDS['FC'][2]:.1f} kg/ha",
             f"{fc:.0f} kg/ha",
-            How.RECOMPUTED,
-            fc < YIELDS["FC"][2],
+            ResultOrigin.RECOMPUTED,
+            fc < TREATMENT_YIELDS["FC"][2],
             "",
             "none: below",
         ),
@@ -397,7 +418,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "yield with topdressing, no N-rich strip",
             f"{WITHOUT_STRIP_T_HA:.2f} t/ha",
             f"{reached:.2f} t/ha, mean of FA, FB, FC",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(reached / WITHOUT_STRIP_T_HA - 1.0) < 0.05,
             f"a response index of {index:.2f} over eq 3 at CK's NDVI; 2.0 is the usual cap",
             "5 %: the standard error of three plots with a CV of some 8 %",
@@ -407,7 +428,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "grades: number, width",
             "11, 0.5",
             f"{len(grades) + 1}, {width:.2f}",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(width - 0.5) < 0.01,
             "a width of 0.5 leaves one grade between 0.25 and 0.75; 0.05 gives the eleven",
             "0.01: widths are printed in steps of 0.05",
@@ -419,15 +440,15 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             f"{smooth.decide_rate(0.30).rate_kg_ha:.0f} kg/ha at 0.30, "
             f"{smooth.decide_rate(0.50).rate_kg_ha:.0f} at 0.50, "
             f"{smooth.decide_rate(0.70).rate_kg_ha:.0f} at 0.70",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             None,
             "drawn below from eq 2 to 5; the figure itself is a picture and was not read off",
         ),
         *(
-            compared(
+            compare_numbers(
                 "table 2",
-                f"target of FC from its NDVI of {NDVI_OF['FC']}: {way}",
-                APPLIED["FC"][1],
+                f"target of FC from its NDVI of {PLOT_NDVI['FC']}: {way}",
+                APPLIED_AMOUNTS["FC"][1],
                 kg,
                 0.1,
                 "{:.1f} kg",
@@ -443,22 +464,22 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             remark="their NDVI is not printed: no test",
         ),
         *(
-            compared(
+            compare_numbers(
                 "table 2",
                 f"control error of {plot}",
-                APPLIED[plot][3],
+                APPLIED_AMOUNTS[plot][3],
                 errors[plot],
                 0.006,
                 "{:.2f} %",
             )
-            for plot in APPLIED
+            for plot in APPLIED_AMOUNTS
         ),
         Claim(
             "table 2",
             "applied against target",
             "+5.82 to +8.42 %",
             f"{max(sim):.2f} % at most",
-            How.SIMULATED,
+            ResultOrigin.SIMULATED,
             None,
             "the nominal machine on FC's plot, its scale not correcting; an outflow 7 % "
             "high gives the published "
@@ -469,7 +490,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "control accuracy above",
             "90 %",
             f"{100.0 - max(errors.values()):.2f} %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             max(errors.values()) < 10.0,
             "on plots' totals; all three errors have the same sign",
             "none: above",
@@ -479,7 +500,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "nitrogen above the uniform 300 kg/ha of urea",
             f"about {EXTRA_N_KG_HA:g} kg/ha",
             f"{extra[1]:.2f} by the applied, {extra[0]:.2f} by the target amounts",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             abs(extra[1] - EXTRA_N_KG_HA) < 1.0,
             "counted from the applied amounts: 11 kg/ha of it is the control error",
             '1 kg/ha: "about"',
@@ -489,12 +510,12 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "targets fall as the base fertilizer grows",
             "FA > FB > FC",
             ", ".join(f"{rate:.1f}" for rate in rates.values()) + " kg/ha",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             rates["FA"] > rates["FB"] > rates["FC"],
             "",
             "none: the order",
         ),
-        compared(
+        compare_numbers(
             "section 3",
             "area: five treatments of 600 m2 in the test field of 0.33 ha",
             0.33,
@@ -507,13 +528,13 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     ]
 
 
-def yield_claims() -> list[Claim]:
+def list_yield_claims() -> list[Claim]:
     """Returns the claims about table 3."""
-    kg_ha = {plot: row[2] for plot, row in YIELDS.items()}
-    cv = {plot: row[1] for plot, row in YIELDS.items()}
+    kg_ha = {plot: row[2] for plot, row in TREATMENT_YIELDS.items()}
+    cv = {plot: row[1] for plot, row in TREATMENT_YIELDS.items()}
     return [
         *(
-            compared(
+            compare_numbers(
                 "table 3",
                 f"yield of {plot} from its sample of 5 m2",
                 kg_ha[plot],
@@ -523,14 +544,14 @@ def yield_claims() -> list[Claim]:
                 remark=f"the printed yield is {kg_ha[plot] / 2000.0:.4f} kg on 5 m2",
                 why="half of the last digit of the sample, 0.005 kg",
             )
-            for plot, (sample, _, _) in YIELDS.items()
+            for plot, (sample, _, _) in TREATMENT_YIELDS.items()
         ),
         Claim(
             "section 3.3",
             "CV of the variable plots below 10 %, below CK and CP",
             "below 10 %",
             ", ".join(f"{plot} {value:.2f}" for plot, value in cv.items()) + " %",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             max(cv[p] for p in ("FA", "FB", "FC")) < min(10.0, cv["CK"], cv["CP"]),
             "",
             "none: below",
@@ -543,7 +564,7 @@ def yield_claims() -> list[Claim]:
                 f"{plot} {100.0 * (kg_ha[plot] / kg_ha['CP'] - 1.0):+.1f} %"
                 for plot in ("FA", "FB", "FC")
             ),
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             all(kg_ha[p] > 0.95 * kg_ha["CP"] for p in ("FA", "FB", "FC")),
             "true of FC; FA and FB had less base fertilizer",
             '5 %: "slightly"',
@@ -553,7 +574,7 @@ def yield_claims() -> list[Claim]:
             "yield grows with the base fertilizer",
             "CK < FA < FB < FC",
             ", ".join(f"{kg_ha[plot]:.0f}" for plot in ("CK", "FA", "FB", "FC")),
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             kg_ha["CK"] < kg_ha["FA"] < kg_ha["FB"] < kg_ha["FC"],
             "",
             "none: the order",
@@ -561,7 +582,7 @@ def yield_claims() -> list[Claim]:
     ]
 
 
-def set_up_claims() -> list[Claim]:
+def list_set_up_claims() -> list[Claim]:
     """Returns claims about the trial and the machine, which are inputs here."""
     return [
         Claim(
@@ -585,12 +606,14 @@ def set_up_claims() -> list[Claim]:
     ]
 
 
-def decision_claims(crop: Crop, sampled: Table, forward: Table, simulated: Table) -> list[Claim]:
+def list_decision_claims(
+    crop: Crop, sampled: Table, forward: Table, simulated: Table
+) -> list[Claim]:
     """Returns all claims of the paper, in the order of its subjects."""
     return [
-        *sampling_claims(sampled),
-        *rate_claims(crop, forward, simulated),
-        *ndvi_claims(),
-        *yield_claims(),
-        *set_up_claims(),
+        *list_sampling_claims(sampled),
+        *list_rate_claims(crop, forward, simulated),
+        *list_ndvi_claims(),
+        *list_yield_claims(),
+        *list_set_up_claims(),
     ]

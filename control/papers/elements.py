@@ -11,7 +11,7 @@ DECISION, LAG, POINT = "decision", "lag", "point"
 
 # Each row has paper, element, presence, place (paths of the source, commands of `topdress`), and a
 # remark.
-ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
+PAPER_ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
     (DECISION, "eq 1: Christiansen's uniformity, CV", YES, "control/agronomy/sampling.py", ""),
     (
         DECISION,
@@ -199,13 +199,13 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
 )
 
 
-def elements_section() -> Section:
+def make_elements_section() -> Section:
     """Returns the section with the table of all elements."""
-    count = {here: sum(row[2] == here for row in ELEMENTS) for here in (YES, PARTLY, NO)}
+    count = {here: sum(row[2] == here for row in PAPER_ELEMENTS) for here in (YES, PARTLY, NO)}
     return Section(
         "Every element of the papers",
         (
-            f"{len(ELEMENTS)} elements: {count[YES]} are here, {count[PARTLY]} in part, "
+            f"{len(PAPER_ELEMENTS)} elements: {count[YES]} are here, {count[PARTLY]} in part, "
             f"{count[NO]} not. Never will be "
             "the simulation of granules by EDEM, of which the paper prints nothing; the "
             "camera it does not describe.",
@@ -214,7 +214,7 @@ def elements_section() -> Section:
             Table(
                 "Elements, and where they are",
                 ("paper", "element", "here", "where", "remark"),
-                ELEMENTS,
+                PAPER_ELEMENTS,
                 (0,) * 5,
             ),
         ),

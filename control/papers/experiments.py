@@ -25,18 +25,18 @@ from topdress.control.machine.start import calc_response_s, find_first_fall_s
 from .page import Table
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
 
-SPEEDS_RPM = tuple(LAG_M)
-WRITTEN_MPS = LAG_SPEED_KMH / 3.6
+TEST_SPEEDS_RPM = tuple(LAG_M)
+STATED_MPS = LAG_SPEED_KMH / 3.6
 # Speed by which table 4's field times follow from table 1's distances, m/s.
 CONVERTED_MPS = 4.5 / 3.6
 # Time step of the simulations, s.
 STEP_S = 0.0025
-MEAN_M = np.array([np.mean(LAG_M[n]) for n in SPEEDS_RPM])
-MEAN_DROP_S = np.array([np.mean(DROP_S[n]) for n in SPEEDS_RPM])
-DROP_SE_S = np.array([np.std(DROP_S[n], ddof=1) / np.sqrt(len(DROP_S[n])) for n in SPEEDS_RPM])
+MEAN_LAG_M = np.array([np.mean(LAG_M[n]) for n in TEST_SPEEDS_RPM])
+MEAN_DROP_S = np.array([np.mean(DROP_S[n]) for n in TEST_SPEEDS_RPM])
+DROP_SE_S = np.array([np.std(DROP_S[n], ddof=1) / np.sqrt(len(DROP_S[n])) for n in TEST_SPEEDS_RPM])
 
 
-class Sized(NamedTuple):
+class FittedNumber(NamedTuple):
     """Holds a fitted number with its 90 % interval."""
 
     value: float
@@ -47,26 +47,28 @@ class Sized(NamedTuple):
         return f"{form.format(self.value)} ({form.format(self.low)} to {form.format(self.high)})"
 
 
-class PaperField(NamedTuple):
+class FieldConversion(NamedTuple):
     """Holds the conversion of the rig's lags to the field's distances: the speed of the test, or
     a delay."""
 
-    mps: Sized
+    mps: FittedNumber
     mps_rms_m: float
-    delay: Sized
+    delay: FittedNumber
     delay_rms_m: float
 
 
-def with_rise(machine: Machine) -> tuple[Machine, Sized]:
+def fit_rise(machine: Machine) -> tuple[Machine, FittedNumber]:
     """Returns the machine with the rise above 70 r/min fitted to table 3's means at 80 to 100
     r/min, through the rig's test."""
-    above = [k for k, n in enumerate(SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
+    above = [k for k, n in enumerate(TEST_SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
 
     def risen(rise_s: float) -> Fall:
         return machine.fall._replace(rebound_s=rise_s)
 
     def off(rise_s: float) -> Array:
-        falls = np.array([find_first_fall_s(machine, risen(rise_s), SPEEDS_RPM[k]) for k in above])
+        falls = np.array(
+            [find_first_fall_s(machine, risen(rise_s), TEST_SPEEDS_RPM[k]) for k in above]
+        )
         return np.asarray((MEAN_DROP_S[above] - falls) / DROP_SE_S[above])
 
     rise = float(
@@ -75,17 +77,19 @@ def with_rise(machine: Machine) -> tuple[Machine, Sized]:
         ).x
     )
     half = 1.645 * 0.02 / float(np.linalg.norm(off(rise + 0.01) - off(rise - 0.01)))
-    return machine.model_copy(update={"fall": risen(rise)}), Sized(rise, rise - half, rise + half)
+    return machine.model_copy(update={"fall": risen(rise)}), FittedNumber(
+        rise, rise - half, rise + half
+    )
 
 
-def risen_by(machine: Machine, parameter: Sized) -> Sized:
+def calc_start_rise(machine: Machine, parameter: FittedNumber) -> FittedNumber:
     """Returns the additional time of a start at 100 r/min over the line, s.
 
     The parameter is the rise of a granule's own drop time at 100 r/min. Granules that leave while
     the shaft accelerates take less, and the first granule is among them.
     """
     line = find_first_fall_s(machine, machine.fall, 100.0)
-    return Sized(
+    return FittedNumber(
         *(
             find_first_fall_s(machine, machine.fall._replace(rebound_s=size), 100.0) - line
             for size in parameter
@@ -93,7 +97,7 @@ def risen_by(machine: Machine, parameter: Sized) -> Sized:
     )
 
 
-class Odds(NamedTuple):
+class LagExplanations(NamedTuple):
     """Holds three explanations of table 1's distances by tables 2 and 3, each with its best size
     and its log likelihood."""
 
@@ -107,22 +111,22 @@ class Odds(NamedTuple):
     of_delay_at_4_5: float
 
     @property
-    def speed_to_delay(self) -> float:
+    def calc_delay_odds(self) -> float:
         return float(np.exp(self.of_speed - self.of_delay))
 
     @property
-    def speed_to_delay_at_4_5(self) -> float:
+    def calc_delay_odds_at_4_5(self) -> float:
         return float(np.exp(self.of_speed - self.of_delay_at_4_5))
 
 
-def speed_or_delay() -> Odds:
+def compare_speed_and_delay() -> LagExplanations:
     """Compares table 1's means at 10 to 70 r/min with the line through table 3's seventy drop times
     plus the mean response.
 
     The line's own uncertainty is included: it is common to all seven distances, and with a steeper
     line a delay fits as well.
     """
-    rpm = np.array([n for n in SPEEDS_RPM if n <= 70], dtype=np.float64)
+    rpm = np.array([n for n in TEST_SPEEDS_RPM if n <= 70], dtype=np.float64)
     drops = np.concatenate([DROP_S[int(n)] for n in rpm])
     design = np.column_stack([np.ones(len(drops)), np.repeat(rpm, len(drops) // len(rpm))])
     line = np.linalg.lstsq(design, drops, rcond=None)[0]
@@ -134,7 +138,7 @@ def speed_or_delay() -> Odds:
 
     def minus_log(mps: float, delay_s: float) -> float:
         spread = mps * mps * unsure + repeats * np.eye(len(rpm))
-        off = MEAN_M[: len(rpm)] - mps * (lag + delay_s)
+        off = MEAN_LAG_M[: len(rpm)] - mps * (lag + delay_s)
         return float(
             0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(2.0 * np.pi * spread)[1])
         )
@@ -142,9 +146,9 @@ def speed_or_delay() -> Odds:
     speed = minimize_scalar(lambda mps: minus_log(mps, 0.0), bounds=(0.8, 2.5), method="bounded")
     delay, delay_at_4_5 = (
         minimize_scalar(lambda s, v=mps: minus_log(v, s), bounds=(-1.0, 1.5), method="bounded")
-        for mps in (WRITTEN_MPS, CONVERTED_MPS)
+        for mps in (STATED_MPS, CONVERTED_MPS)
     )
-    return Odds(
+    return LagExplanations(
         3.6 * float(speed.x),
         float(delay.x),
         float(delay_at_4_5.x),
@@ -154,7 +158,7 @@ def speed_or_delay() -> Odds:
     )
 
 
-def overtaking_fall_s(
+def calc_overtaking_fall_s(
     machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float
 ) -> float:
     """Returns the drop time in the same test for granules that fall singly, s: each has the drop
@@ -172,51 +176,51 @@ def overtaking_fall_s(
     return first
 
 
-def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
+def calc_start_lags(machine: Machine, falls: Callable[[float], float]) -> Array:
     """Returns the total lags of a start at the paper's shaft speeds, (10,) s."""
-    return np.array([calc_response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
+    return np.array([calc_response_s(machine, n) + falls(n) for n in TEST_SPEEDS_RPM])
 
 
-def field_of(lags_s: Array) -> PaperField:
+def fit_field_conversion(lags_s: Array) -> FieldConversion:
     """Returns the speed or delay that converts the lags to table 1's distances, by least squares
     over all ten shaft speeds."""
-    mps = MEAN_M / lags_s
-    delay = MEAN_M / WRITTEN_MPS - lags_s
-    return PaperField(
-        _mean(mps),
-        _rms(MEAN_M - float(np.mean(mps)) * lags_s),
-        _mean(delay),
-        _rms(MEAN_M - WRITTEN_MPS * (lags_s + float(np.mean(delay)))),
+    mps = MEAN_LAG_M / lags_s
+    delay = MEAN_LAG_M / STATED_MPS - lags_s
+    return FieldConversion(
+        _fit_mean(mps),
+        _calc_rms(MEAN_LAG_M - float(np.mean(mps)) * lags_s),
+        _fit_mean(delay),
+        _calc_rms(MEAN_LAG_M - STATED_MPS * (lags_s + float(np.mean(delay)))),
     )
 
 
-def _mean(values: Array) -> Sized:
+def _fit_mean(values: Array) -> FittedNumber:
     middle = float(np.mean(values))
     half = float(stdtrit(len(values) - 1, 0.95) * np.std(values, ddof=1) / np.sqrt(len(values)))
-    return Sized(middle, middle - half, middle + half)
+    return FittedNumber(middle, middle - half, middle + half)
 
 
-def _rms(values: Array) -> float:
+def _calc_rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
+def make_experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
     """Returns the tables of rows, of r.m.s. errors next to the old model's, and of what each
     table determines, with sentences."""
-    risen, parameter = with_rise(machine)
-    rise = risen_by(machine, parameter)
-    lags = starts(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
-    old = starts(
+    risen, parameter = fit_rise(machine)
+    rise = calc_start_rise(machine, parameter)
+    lags = calc_start_lags(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
+    old = calc_start_lags(
         machine,
-        lambda n: overtaking_fall_s(
+        lambda n: calc_overtaking_fall_s(
             machine, n, machine.fall.intercept_s, machine.fall.slope_s_per_rpm
         ),
     )
-    field, odds = field_of(lags), speed_or_delay()
-    turns = np.array([calc_response_s(machine, n) for n in SPEEDS_RPM])
+    field, odds = fit_field_conversion(lags), compare_speed_and_delay()
+    turns = np.array([calc_response_s(machine, n) for n in TEST_SPEEDS_RPM])
     driven = field.mps.value * lags
-    detected, actual = (np.array([TOTAL_LAG_S[n][k] for n in SPEEDS_RPM]) for k in (1, 0))
-    responses = np.array([np.mean(RESPONSE_S[n]) for n in SPEEDS_RPM])
+    detected, actual = (np.array([TOTAL_LAG_S[n][k] for n in TEST_SPEEDS_RPM]) for k in (1, 0))
+    responses = np.array([np.mean(RESPONSE_S[n]) for n in TEST_SPEEDS_RPM])
     rows = tuple(
         (
             rpm,
@@ -233,16 +237,16 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
                     old,
                     actual,
                     driven / CONVERTED_MPS,
-                    WRITTEN_MPS * old / CONVERTED_MPS,
-                    MEAN_M,
+                    STATED_MPS * old / CONVERTED_MPS,
+                    MEAN_LAG_M,
                     driven,
-                    WRITTEN_MPS * old,
+                    STATED_MPS * old,
                 )
             ),
         )
-        for k, rpm in enumerate(SPEEDS_RPM)
+        for k, rpm in enumerate(TEST_SPEEDS_RPM)
     )
-    line = np.array([n <= machine.fall.valid_to_rpm for n in SPEEDS_RPM])
+    line = np.array([n <= machine.fall.valid_to_rpm for n in TEST_SPEEDS_RPM])
     held = (
         ("table 2, s", responses, turns, turns, line | True),
         ("table 3, s", MEAN_DROP_S, lags - turns, old - turns, line),
@@ -251,28 +255,28 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
             "table 4 actual, s",
             actual,
             driven / CONVERTED_MPS,
-            WRITTEN_MPS * old / CONVERTED_MPS,
+            STATED_MPS * old / CONVERTED_MPS,
             line,
         ),
-        ("table 1, m", MEAN_M, driven, WRITTEN_MPS * old, line),
+        ("table 1, m", MEAN_LAG_M, driven, STATED_MPS * old, line),
     )
     more = find_start_drop_s(machine.fall, 70.0) - calc_drop_s(machine.fall, 70.0)
     slopes = tuple(
-        float(np.polyfit(np.array(SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
+        float(np.polyfit(np.array(TEST_SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
     )
     sums = tuple(
         (
             name,
-            _rms((ours - paper)[part]),
-            _rms((before - paper)[part]),
-            _rms(ours - paper),
-            _rms(before - paper),
+            _calc_rms((ours - paper)[part]),
+            _calc_rms((before - paper)[part]),
+            _calc_rms(ours - paper),
+            _calc_rms(before - paper),
         )
         for name, paper, ours, before, part in held
     )
     return (
         (
-            *_rows(rows),
+            *_make_row_tables(rows),
             Table(
                 "R.m.s. by table, one model through each table's own experiment, next to "
                 "the model before (eq 6 as the drop "
@@ -282,7 +286,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
                 sums,
                 (0, 4, 4, 4, 4),
             ),
-            _settled(risen, rise, field, odds),
+            _make_settled_table(risen, rise, field, odds),
         ),
         (
             f"The paper's own test played through the model has a slope of {slopes[0]:.4f} "
@@ -294,8 +298,8 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
             "overtake; a running shaft's drop time "
             f"at 70 r/min is then {calc_drop_s(machine.fall, 70.0):.2f} s, {1000.0 * more:.0f} "
             "ms less than a start's. No table "
-            f"settles that: granules that fall each by itself, {_singly(machine):.2f} s at "
-            "70 r/min, give the same starts.",
+            "settles that: granules that fall each by itself, "
+            f"{_fit_single_fall(machine):.2f} s at 70 r/min, give the same starts.",
             "What reconciles table 1 with the rig's times is a test speed of "
             f"{field.mps.text('{:.2f}')} m/s, "
             f"{3.6 * field.mps.value:.2f} km/h where {LAG_SPEED_KMH:g} is written (r.m.s. "
@@ -305,10 +309,10 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
             "(r.m.s. "
             f"{field.delay_rms_m:.3f} m). The slope of the rig's line is known to a fifth "
             "of itself, and with that the "
-            f"speed is likelier than the delay by {odds.speed_to_delay:.1f} to 1 only; and "
+            f"speed is likelier than the delay by {odds.calc_delay_odds:.1f} to 1 only; and "
             f"than {3.6 * CONVERTED_MPS:.2f} "
             f"km/h, by which table 4 was made, with a delay of {odds.delay_at_4_5_s:.2f} s by "
-            f"{odds.speed_to_delay_at_4_5:.1f} to 1. That is a tie, and the last is the "
+            f"{odds.calc_delay_odds_at_4_5:.1f} to 1. That is a tie, and the last is the "
             "plainest: it needs no speed but "
             "the one that the authors used themselves. "
             "One ground speed cannot tell them apart. Where the field is driven as the "
@@ -318,7 +322,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     )
 
 
-def _rows(rows: tuple[tuple[float, ...], ...]) -> tuple[Table, Table]:
+def _make_row_tables(rows: tuple[tuple[float, ...], ...]) -> tuple[Table, Table]:
     return (
         Table(
             "One model, the rig's tables: published, obtained, model before; 80 to 100 "
@@ -359,10 +363,12 @@ def _rows(rows: tuple[tuple[float, ...], ...]) -> tuple[Table, Table]:
     )
 
 
-def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Table:
+def _make_settled_table(
+    machine: Machine, rise: FittedNumber, field: FieldConversion, odds: LagExplanations
+) -> Table:
     fall = machine.fall
     response = np.array([value for pair in RESPONSE_S.values() for value in pair])
-    rpm = np.array([n for n in SPEEDS_RPM if n <= fall.valid_to_rpm], dtype=np.float64)
+    rpm = np.array([n for n in TEST_SPEEDS_RPM if n <= fall.valid_to_rpm], dtype=np.float64)
     singles = np.array([DROP_S[int(n)] for n in rpm])
     x = np.repeat(rpm, singles.shape[1])
     slope, intercept = np.polyfit(x, singles.ravel(), 1)
@@ -370,20 +376,20 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
     sd = float(np.sqrt(np.sum(left**2) / (len(x) - 2)))
     about = float(np.sum((x - x.mean()) ** 2))
     half = 1.668 * sd / np.sqrt(about), 1.668 * sd * np.sqrt(1.0 / len(x) + x.mean() ** 2 / about)
-    singly = _singly(machine)
+    singly = _fit_single_fall(machine)
     return Table(
         "What the tables settle and what they leave open, 90 % intervals",
         ("quantity", "value", "settled by"),
         (
-            ("response to 2 r/min, s", _mean(response).text("{:.4f}"), "table 2, 20 rows"),
+            ("response to 2 r/min, s", _fit_mean(response).text("{:.4f}"), "table 2, 20 rows"),
             (
                 "a start's drop at 0 r/min, s",
-                Sized(intercept, intercept - half[1], intercept + half[1]).text("{:.3f}"),
+                FittedNumber(intercept, intercept - half[1], intercept + half[1]).text("{:.3f}"),
                 "table 3, 70 rows; the machine file's 1.8288 is eq 6 less the response",
             ),
             (
                 "its slope, s per r/min",
-                Sized(slope, slope - half[0], slope + half[0]).text("{:.4f}"),
+                FittedNumber(slope, slope - half[0], slope + half[0]).text("{:.4f}"),
                 "table 3, 70 rows",
             ),
             (
@@ -393,15 +399,17 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
             ),
             (
                 "speed by which table 4's field times were made, km/h",
-                _mean(3.6 * MEAN_M / np.array([TOTAL_LAG_S[n][0] for n in SPEEDS_RPM])).text(
-                    "{:.3f}"
-                ),
+                _fit_mean(
+                    3.6 * MEAN_LAG_M / np.array([TOTAL_LAG_S[n][0] for n in TEST_SPEEDS_RPM])
+                ).text("{:.3f}"),
                 "table 1 over table 4",
             ),
             (
                 "speed of the test, km/h",
-                _mean(
-                    3.6 * MEAN_M / starts(machine, lambda n: find_first_fall_s(machine, fall, n))
+                _fit_mean(
+                    3.6
+                    * MEAN_LAG_M
+                    / calc_start_lags(machine, lambda n: find_first_fall_s(machine, fall, n))
                 ).text("{:.2f}"),
                 "table 1 over tables 2 and 3, if nothing else differs",
             ),
@@ -417,7 +425,7 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
             ),
             (
                 "likelihood of the three, the slope's own uncertainty in it",
-                f"1 : {1.0 / odds.speed_to_delay:.2f} : {1.0 / odds.speed_to_delay_at_4_5:.2f}",
+                f"1 : {1.0 / odds.calc_delay_odds:.2f} : {1.0 / odds.calc_delay_odds_at_4_5:.2f}",
                 "no table; a second ground speed would",
             ),
             (
@@ -436,19 +444,19 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
     )
 
 
-def _singly(machine: Machine) -> float:
+def _fit_single_fall(machine: Machine) -> float:
     """Returns the drop time of a running shaft at 70 r/min, s, if granules fall singly and
     overtake.
 
     The line of drop times is the one whose overtaking start equals that of the machine (least
     squares, 10 to 70 r/min).
     """
-    speeds = [n for n in SPEEDS_RPM if n <= machine.fall.valid_to_rpm]
+    speeds = [n for n in TEST_SPEEDS_RPM if n <= machine.fall.valid_to_rpm]
 
     def off(line: Array) -> Array:
         return np.array(
             [
-                overtaking_fall_s(machine, n, float(line[0]), float(line[1]))
+                calc_overtaking_fall_s(machine, n, float(line[0]), float(line[1]))
                 - find_start_drop_s(machine.fall, n)
                 for n in speeds
             ]

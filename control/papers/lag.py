@@ -15,24 +15,24 @@ from topdress.control.machine.fall import calc_drop_s, find_paper_lag_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.start import calc_response_s, find_first_fall_s, find_start_lag_s
 
-from .claims_lag import lag_claims
+from .claims_lag import list_lag_claims
 from .correction import (
     IN_PHASE,
+    INTERPRETATIONS,
     ONCE_A_SECOND,
-    READINGS,
-    explain,
-    fitted_rival,
-    misses_m,
-    published_spread,
-    wider_apart,
+    calc_exceedance_share,
+    calc_published_spread,
+    compare_interpretations,
+    fit_field_rival,
+    simulate_misses,
 )
-from .experiments import experiment_tables
-from .map_geometry import boundary_table
-from .page import Line, Picture, Section, Table, ledger
+from .experiments import make_experiment_tables
+from .map_geometry import make_boundary_table
+from .page import Line, Picture, Section, Table, make_claim_table
 from .published import (
     CORRECTED_M,
+    CORRECTION_GAIN_M,
     DROP_S,
-    GAIN_M,
     LAG_CORRELATION,
     LAG_LINE,
     LAG_M,
@@ -43,36 +43,41 @@ from .published import (
 
 SPEED_MPS = LAG_SPEED_KMH / 3.6
 # Latitude and longitude of the paper's field near Beijing, degrees.
-EQ3_AT = (40.0, 116.0)
+EQ3_PLACE_DEG = (40.0, 116.0)
 
 
-def lag_section(machine: Machine) -> Section:
+def make_lag_section(machine: Machine) -> Section:
     """Returns the section with all published and obtained values of the paper."""
-    correction, words = correction_tables(machine)
-    line, line_words = lag_line()
-    claims = tuple(lag_claims(machine))
-    experiments, said = experiment_tables(machine)
+    correction, words = make_correction_tables(machine)
+    line, line_words = refit_lag_line()
+    claims = tuple(list_lag_claims(machine))
+    experiments, said = make_experiment_tables(machine)
     return Section(
         "Lag time and position correction: prescription maps",
         (*said, *line_words, *words),
         (
-            ledger("lag paper", claims),
+            make_claim_table("lag paper", claims),
             *experiments,
-            distances(machine),
-            responses(machine),
-            drops(machine),
-            totals(machine),
+            make_distance_table(machine),
+            make_response_table(machine),
+            make_drop_table(machine),
+            make_total_table(machine),
             line,
             *correction,
-            eq3(),
-            boundary_table(),
+            make_eq3_table(),
+            make_boundary_table(),
         ),
-        (drop_picture(machine), lags_picture(), line_picture(), gain_picture(correction[0])),
+        (
+            make_drop_picture(machine),
+            make_lags_picture(),
+            make_line_picture(),
+            make_gain_picture(correction[0]),
+        ),
         claims,
     )
 
 
-def distances(machine: Machine) -> Table:
+def make_distance_table(machine: Machine) -> Table:
     """Returns table 1, lag distances, published and obtained."""
     rows = tuple(
         (
@@ -91,7 +96,7 @@ def distances(machine: Machine) -> Table:
     )
 
 
-def responses(machine: Machine) -> Table:
+def make_response_table(machine: Machine) -> Table:
     """Returns table 2, responses, published and obtained."""
     rows = tuple(
         (rpm, *values, calc_response_s(machine, rpm)) for rpm, values in RESPONSE_S.items()
@@ -104,7 +109,7 @@ def responses(machine: Machine) -> Table:
     )
 
 
-def drops(machine: Machine) -> Table:
+def make_drop_table(machine: Machine) -> Table:
     """Returns table 3, drop times, published and obtained."""
     rows = tuple(
         (
@@ -124,7 +129,7 @@ def drops(machine: Machine) -> Table:
     )
 
 
-def totals(machine: Machine) -> Table:
+def make_total_table(machine: Machine) -> Table:
     """Returns table 4, total lags, published and obtained."""
     rows = tuple(
         (
@@ -145,7 +150,7 @@ def totals(machine: Machine) -> Table:
     )
 
 
-def lag_line() -> tuple[Table, tuple[str, ...]]:
+def refit_lag_line() -> tuple[Table, tuple[str, ...]]:
     """Returns eq 6 fitted again, on the data that the paper names and on the other column."""
     rows: list[tuple[str | float, ...]] = [("eq 6", LAG_LINE[0], LAG_LINE[1], LAG_CORRELATION)]
     fits = {}
@@ -173,16 +178,17 @@ def lag_line() -> tuple[Table, tuple[str, ...]]:
     ), words
 
 
-def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
+def make_correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
     """Returns tables 5 and 6, published and obtained."""
     rng = np.random.default_rng(1)
-    once = next(reading for reading in READINGS if reading.name == ONCE_A_SECOND)
+    once = next(reading for reading in INTERPRETATIONS if reading.name == ONCE_A_SECOND)
     rows = []
-    for rpm, (before, after) in GAIN_M.items():
+    for rpm, (before, after) in CORRECTION_GAIN_M.items():
         ideal = [
-            float(misses_m(machine, rpm, READINGS[0], on, 1, rng).mean()) for on in (False, True)
+            float(simulate_misses(machine, rpm, INTERPRETATIONS[0], on, 1, rng).mean())
+            for on in (False, True)
         ]
-        late = [misses_m(machine, rpm, once, on, 4000, rng) for on in (False, True)]
+        late = [simulate_misses(machine, rpm, once, on, 4000, rng) for on in (False, True)]
         rows.append(
             (
                 rpm,
@@ -212,8 +218,8 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
         tuple(rows),
         (0, 2, 3, 1, 2, 2, 2, 2, 1),
     )
-    fits, rival = explain(machine, CORRECTED_M), fitted_rival(CORRECTED_M)
-    mean, within, means = published_spread(CORRECTED_M)
+    fits, rival = compare_interpretations(machine, CORRECTED_M), fit_field_rival(CORRECTED_M)
+    mean, within, means = calc_published_spread(CORRECTED_M)
     readings = Table(
         "Which reading explains table 5: miss m, spread of replicates and of their means, "
         "log likelihood",
@@ -236,7 +242,7 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     )
     by_name = {fit.reading.name: fit for fit in fits}
     field, best, alike = by_name["field lag of table 1"], fits[0], by_name[IN_PHASE]
-    share = wider_apart(machine, best.reading, CORRECTED_M)
+    share = calc_exceedance_share(machine, best.reading, CORRECTED_M)
     words = (
         f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m "
         "in the mean. The field's "
@@ -275,10 +281,10 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     return (gain, readings), words
 
 
-def eq3() -> Table:
+def make_eq3_table() -> Table:
     """Returns eq 3's result for 10 m as printed, and in its corrected form with the paper's
     radius."""
-    plane = TangentPlane(*EQ3_AT)
+    plane = TangentPlane(*EQ3_PLACE_DEG)
     rows = []
     for name, place in (
         ("10 m east", (10.0, 0.0)),
@@ -289,9 +295,9 @@ def eq3() -> Table:
         rows.append(
             (
                 name,
-                calc_paper_distance_m(*EQ3_AT, *there),
-                calc_corrected_paper_distance_m(*EQ3_AT, *there),
-                calc_ellipsoid_distance_m(*EQ3_AT, *there),
+                calc_paper_distance_m(*EQ3_PLACE_DEG, *there),
+                calc_corrected_paper_distance_m(*EQ3_PLACE_DEG, *there),
+                calc_ellipsoid_distance_m(*EQ3_PLACE_DEG, *there),
             )
         )
     return Table(
@@ -302,7 +308,7 @@ def eq3() -> Table:
     )
 
 
-def drop_picture(machine: Machine) -> Picture:
+def make_drop_picture(machine: Machine) -> Picture:
     """Returns the picture of drop times."""
     speeds = [float(rpm) for rpm in DROP_S]
     rising = np.linspace(10.0, 70.0, 61)
@@ -329,7 +335,7 @@ def drop_picture(machine: Machine) -> Picture:
     )
 
 
-def lags_picture() -> Picture:
+def make_lags_picture() -> Picture:
     """Returns figure 9 as section 2.4.3 describes it, although its caption names the drop time."""
     speeds = [float(rpm) for rpm in TOTAL_LAG_S]
     return Picture(
@@ -354,7 +360,7 @@ def lags_picture() -> Picture:
     )
 
 
-def line_picture() -> Picture:
+def make_line_picture() -> Picture:
     """Returns figure 10, the line of the total lag."""
     speeds = [rpm for rpm in TOTAL_LAG_S if rpm <= 70]
     return Picture(
@@ -376,19 +382,27 @@ def line_picture() -> Picture:
     )
 
 
-def gain_picture(gain: Table) -> Picture:
+def make_gain_picture(gain: Table) -> Picture:
     """Returns the picture of the misses before and after the correction."""
     late = [float(row[7] or 0.0) for row in gain.rows]
-    speeds = [float(rpm) for rpm in GAIN_M]
+    speeds = [float(rpm) for rpm in CORRECTION_GAIN_M]
     return Picture(
         "Table 6: before and after the correction",
         "shaft, r/min",
         "past the boundary, m",
         (
             Line(
-                "published, before", "published", speeds, [before for before, _ in GAIN_M.values()]
+                "published, before",
+                "published",
+                speeds,
+                [before for before, _ in CORRECTION_GAIN_M.values()],
             ),
-            Line("published, after", "other", speeds, [after for _, after in GAIN_M.values()]),
+            Line(
+                "published, after",
+                "other",
+                speeds,
+                [after for _, after in CORRECTION_GAIN_M.values()],
+            ),
             Line("1 Hz position, after", "ours", speeds, late, True),
         ),
     )

@@ -16,11 +16,11 @@ Point = tuple[float, float]
 # Cell size of the paper's field, m.
 CELL_M = 10.0
 # Latitude and longitude of a place near Beijing, degrees.
-AT = (40.0, 116.0)
+PLACE_DEG = (40.0, 116.0)
 # Distance of the tested edge, m.
-AHEAD_M = 20.0
+EDGE_AHEAD_M = 20.0
 # Name of each case, heading of the working line, and direction of the edge, degrees.
-CASES = (
+TEST_CASES = (
     ("heading 30, edge east-west", 30.0, 90.0),
     ("heading 30, edge north-south", 30.0, 0.0),
     ("heading 60, slanting edge", 60.0, 150.0),
@@ -28,7 +28,7 @@ CASES = (
 )
 
 
-def paper_cell(distance_m: float, half_m: float) -> int:
+def find_paper_cell(distance_m: float, half_m: float) -> int:
     """Returns the column or row of a place by its distance from the middle of cell 0 (eq 2).
     ValueError for a place before cell 0."""
     if distance_m >= half_m:
@@ -38,8 +38,8 @@ def paper_cell(distance_m: float, half_m: float) -> int:
     raise ValueError(f"{distance_m:g} m: eq 2 has no cell before the first")
 
 
-def cells_that_agree(
-    count: int = 1001, cell: Callable[[float, float], int] = paper_cell
+def count_agreeing_cells(
+    count: int = 1001, cell: Callable[[float, float], int] = find_paper_cell
 ) -> tuple[int, int]:
     """Returns the number of `count` distances up to 100 m at which eq 2, `cell`, gives the right
     cell; an edge belongs to the cell before it."""
@@ -48,7 +48,7 @@ def cells_that_agree(
     return sum(cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
 
 
-def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
+def find_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
     """Returns the intersection of the line through `of` and `towards` with that through a and b,
     by vectors: without slopes, so for any direction. ZeroDivisionError for parallel lines."""
     (dx, dy), (ex, ey) = (towards[0] - of[0], towards[1] - of[1]), (b[0] - a[0], b[1] - a[1])
@@ -56,7 +56,7 @@ def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
     return of[0] + share * dx, of[1] + share * dy
 
 
-def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | None:
+def find_paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | None:
     """Returns the intersection by eq 4 and 5 as printed; None where a slope does not exist (eq 4
     requires X1 other than X2)."""
     if of[0] == towards[0]:
@@ -71,20 +71,20 @@ def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | Non
     return x, k1 * of[0] + b1
 
 
-def boundary_table() -> Table:
+def make_boundary_table() -> Table:
     """Returns the distance to an edge 20 m ahead along the working line, as printed and by
     vectors, m."""
-    plane = TangentPlane(*AT)
+    plane = TangentPlane(*PLACE_DEG)
 
     def point(east_m: float, north_m: float) -> Point:
         lat, lon = plane.convert_to_deg(east_m, north_m)
         return lon, lat
 
     rows: list[tuple[str | float | None, ...]] = []
-    for name, heading_deg, edge_deg in CASES:
+    for name, heading_deg, edge_deg in TEST_CASES:
         way = (sin(radians(heading_deg)), cos(radians(heading_deg)))
         along = (sin(radians(edge_deg)), cos(radians(edge_deg)))
-        middle = (AHEAD_M * way[0], AHEAD_M * way[1])
+        middle = (EDGE_AHEAD_M * way[0], EDGE_AHEAD_M * way[1])
         ends = [
             (middle[0] + side * 30.0 * along[0], middle[1] + side * 30.0 * along[1])
             for side in (-1.0, 1.0)
@@ -96,8 +96,8 @@ def boundary_table() -> Table:
         towards = point(*way)
         here = point(0.0, 0.0)
         towards = (here[0], towards[1]) if heading_deg == 0.0 else towards
-        printed = paper_crossing(here, towards, a, b)
-        right = crossing(here, towards, a, b)
+        printed = find_paper_crossing(here, towards, a, b)
+        right = find_crossing(here, towards, a, b)
         rows.append(
             (
                 name,
@@ -106,7 +106,7 @@ def boundary_table() -> Table:
             )
         )
     return Table(
-        f"Eq 4 and 5 at 40 N: distance to an edge {AHEAD_M:g} m ahead along the working "
+        f"Eq 4 and 5 at 40 N: distance to an edge {EDGE_AHEAD_M:g} m ahead along the working "
         "line, m; eq 5 as "
         f"printed "
         "takes X1 where the crossing's X belongs",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-Cell = str | float | None
+TableCell = str | float | None
 
 
 class Table(NamedTuple):
@@ -16,7 +16,7 @@ class Table(NamedTuple):
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     decimals: tuple[int, ...]
 
 
@@ -40,7 +40,7 @@ class Picture(NamedTuple):
     lines: tuple[Line, ...]
 
 
-class How(StrEnum):
+class ResultOrigin(StrEnum):
     """Names the origin of an obtained number. A copied number has no result, because an input
     cannot confirm itself."""
 
@@ -65,7 +65,7 @@ class Claim(NamedTuple):
     says: str
     published: str
     obtained: str = ""
-    how: How = How.COPIED
+    how: ResultOrigin = ResultOrigin.COPIED
     agrees: bool | None = None
     remark: str = ""
     within: str = ""
@@ -81,10 +81,10 @@ class Section(NamedTuple):
     claims: tuple[Claim, ...] = ()
 
 
-DIGITS = "half of the last digit printed"
+ROUNDING_TEXT = "half of the last digit printed"
 
 
-def compared(
+def compare_numbers(
     where: str,
     says: str,
     published: float,
@@ -92,9 +92,9 @@ def compared(
     within: float,
     form: str = "{:g}",
     *,
-    how: How = How.RECOMPUTED,
+    how: ResultOrigin = ResultOrigin.RECOMPUTED,
     remark: str = "",
-    why: str = DIGITS,
+    why: str = ROUNDING_TEXT,
 ) -> Claim:
     """Compares two numbers, which agree if they differ by at most `within`, for the reason
     `why`. `form`: format of both, with the unit."""
@@ -111,13 +111,13 @@ def compared(
     )
 
 
-def ledger(name: str, claims: Sequence[Claim]) -> Table:
+def make_claim_table(name: str, claims: Sequence[Claim]) -> Table:
     """Returns every claim of a paper as a table.
 
     Raises ValueError for a copied number with a result, and for a verdict without a tolerance.
     """
     for claim in claims:
-        if (claim.how is How.COPIED) != (not claim.obtained):
+        if (claim.how is ResultOrigin.COPIED) != (not claim.obtained):
             raise ValueError(
                 f"{claim.where}, {claim.says}: obtained {claim.obtained!r} is {claim.how}"
             )
@@ -135,7 +135,7 @@ def ledger(name: str, claims: Sequence[Claim]) -> Table:
                 c.published,
                 c.obtained or None,
                 c.how.value,
-                _verdict(c),
+                _describe_verdict(c),
                 c.within,
                 c.remark,
             )
@@ -145,11 +145,11 @@ def ledger(name: str, claims: Sequence[Claim]) -> Table:
     )
 
 
-def _verdict(claim: Claim) -> str:
+def _describe_verdict(claim: Claim) -> str:
     return "" if claim.agrees is None else "yes" if claim.agrees else "no"
 
 
-def summary(papers: Sequence[Section]) -> Section:
+def summarise_claims(papers: Sequence[Section]) -> Section:
     """Returns the number of claims of each kind, and the claims that do not agree."""
     counts: list[tuple[str | float, ...]] = []
     against: list[tuple[str, ...]] = []
@@ -158,7 +158,7 @@ def summary(papers: Sequence[Section]) -> Section:
             (
                 paper.title,
                 len(paper.claims),
-                *(sum(c.how is how for c in paper.claims) for how in How),
+                *(sum(c.how is how for c in paper.claims) for how in ResultOrigin),
                 *(sum(c.agrees is verdict for c in paper.claims) for verdict in (True, False)),
             )
         )
@@ -193,9 +193,9 @@ def summary(papers: Sequence[Section]) -> Section:
         (
             Table(
                 "Claims by paper",
-                ("paper", "claims", *(how.value for how in How), "agree", "do not"),
+                ("paper", "claims", *(how.value for how in ResultOrigin), "agree", "do not"),
                 tuple(counts),
-                (0,) * (4 + len(How)),
+                (0,) * (4 + len(ResultOrigin)),
             ),
             Table(
                 "What does not come out",

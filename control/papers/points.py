@@ -8,18 +8,28 @@ import numpy as np
 from topdress.control.simulation.point_run import simulate_point_run
 from topdress.control.targets.point import PointLag, calc_max_speed_mps, calc_point_lag
 
-from .page import DIGITS, Claim, How, Line, Picture, Section, Table, compared, ledger
-from .published import MICROSTEPS, POINT_DELAYS_S
+from .page import (
+    ROUNDING_TEXT,
+    Claim,
+    Line,
+    Picture,
+    ResultOrigin,
+    Section,
+    Table,
+    compare_numbers,
+    make_claim_table,
+)
+from .published import MICROSTEP_RPM, POINT_DELAYS_S
 
-SPACINGS_M = (0.2, 0.25, 0.3)
-SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
+PLANT_SPACINGS_M = (0.2, 0.25, 0.3)
+TEST_SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 
 
-def points_section(plants: int = 200) -> Section:
+def make_points_section(plants: int = 200) -> Section:
     """Returns the section with all published and obtained values of the paper, and dose
     placement on a simulated row of plants."""
-    table, picture = placement(plants)
-    claims = tuple(points_claims(calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
+    table, picture = simulate_placement(plants)
+    claims = tuple(list_points_claims(calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
     return Section(
         "Point fertilisation: one dose a plant",
         (
@@ -32,13 +42,18 @@ def points_section(plants: int = 200) -> Section:
             "r/min would be 1.2 s and not "
             "the 0.2 s that section 2.3 uses.",
         ),
-        (ledger("point paper", claims), delays(), microsteps(), table),
-        (turning_picture(), picture),
+        (
+            make_claim_table("point paper", claims),
+            make_delay_table(),
+            make_microstep_table(),
+            table,
+        ),
+        (make_turning_picture(), picture),
         claims,
     )
 
 
-def delays() -> Table:
+def make_delay_table() -> Table:
     """Returns the four delays, published and obtained."""
     lag = calc_point_lag(
         TURN_DEG, SHAFT_RPM, FALL_M, POINT_DELAYS_S["vision"], POINT_DELAYS_S["link"]
@@ -59,22 +74,23 @@ def delays() -> Table:
     )
 
 
-def microsteps() -> Table:
+def make_microstep_table() -> Table:
     """Returns table 1, shaft speeds by microstep mode."""
-    pulses = pulse_rate_s()
+    pulses = fit_pulse_rate()
     return Table(
         "Table 1: shaft speed by microstep mode, r/min; one pulse rate fitted to the "
         f"three: {pulses:.0f} "
         f"per s",
         ("mode", "published", "fitted"),
         tuple(
-            (mode, rpm, 60.0 * pulses / (STEPS_A_TURN * mode)) for mode, rpm in MICROSTEPS.items()
+            (mode, rpm, 60.0 * pulses / (STEPS_PER_TURN * mode))
+            for mode, rpm in MICROSTEP_RPM.items()
         ),
         (0, 1, 1),
     )
 
 
-def turning_picture() -> Picture:
+def make_turning_picture() -> Picture:
     """Returns figure 4: the time of a revolution at each microstep mode, 6 n degrees a second."""
     kinds = ("published", "other", "ours")
     return Picture(
@@ -83,18 +99,18 @@ def turning_picture() -> Picture:
         "time, s",
         tuple(
             Line(f"mode {mode}, {rpm:g} r/min", kind, [0.0, 360.0], [0.0, 60.0 / rpm], True)
-            for (mode, rpm), kind in zip(MICROSTEPS.items(), kinds, strict=True)
+            for (mode, rpm), kind in zip(MICROSTEP_RPM.items(), kinds, strict=True)
         ),
     )
 
 
-def placement(plants: int) -> tuple[Table, Picture]:
+def simulate_placement(plants: int) -> tuple[Table, Picture]:
     """Returns the landing positions of simulated doses, as a table and a picture."""
     lag = calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
     rows = []
     missed: dict[float, list[float]] = {}
-    for spacing in SPACINGS_M:
-        for speed in SPEEDS_MPS:
+    for spacing in PLANT_SPACINGS_M:
+        for speed in TEST_SPEEDS_MPS:
             cells: list[float] = []
             for learn in (False, True):
                 run = simulate_point_run(lag, spacing, speed, plants, 1, learn)
@@ -124,27 +140,31 @@ def placement(plants: int) -> tuple[Table, Picture]:
             "speed, m/s",
             "missed, %",
             tuple(
-                Line(f"{spacing:g} m", kind, list(SPEEDS_MPS), missed[spacing], True)
-                for spacing, kind in zip(SPACINGS_M, ("published", "other", "ours"), strict=True)
+                Line(f"{spacing:g} m", kind, list(TEST_SPEEDS_MPS), missed[spacing], True)
+                for spacing, kind in zip(
+                    PLANT_SPACINGS_M, ("published", "other", "ours"), strict=True
+                )
             ),
         ),
     )
 
 
 # Number of full steps of 1.8 degrees in a revolution.
-STEPS_A_TURN = 200.0
+STEPS_PER_TURN = 200.0
 TURN_DEG, SHAFT_RPM, FALL_M = 120.0, 99.8, 1.0
 
 
-def pulse_rate_s() -> float:
+def fit_pulse_rate() -> float:
     """Returns the pulse rate that fits table 1 best, 1/s (least squares of relative errors)."""
-    return float(np.mean([rpm * mode * STEPS_A_TURN / 60.0 for mode, rpm in MICROSTEPS.items()]))
+    return float(
+        np.mean([rpm * mode * STEPS_PER_TURN / 60.0 for mode, rpm in MICROSTEP_RPM.items()])
+    )
 
 
-def points_claims(lag: PointLag) -> list[Claim]:
+def list_points_claims(lag: PointLag) -> list[Claim]:
     """Returns the claims of the paper. `lag`: a dose of 120 degrees at 99.8 r/min from 1 m."""
-    pulses = pulse_rate_s()
-    fits = [60.0 * pulses / (STEPS_A_TURN * mode) for mode in MICROSTEPS]
+    pulses = fit_pulse_rate()
+    fits = [60.0 * pulses / (STEPS_PER_TURN * mode) for mode in MICROSTEP_RPM]
     parts = POINT_DELAYS_S["vision"] + POINT_DELAYS_S["link"] + lag.turn_s + lag.fall_s
     return [
         Claim(
@@ -164,13 +184,15 @@ def points_claims(lag: PointLag) -> list[Claim]:
             "120 degrees at 99.8 r/min",
             "0.2 s",
             f"{TURN_DEG / SHAFT_RPM:.2f} s as printed; {lag.turn_s:.3f} s with the factor 6",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             False,
             "as printed eq 3 lacks the factor 6 (degrees over r/min); section 2.3 used it",
-            f"0.05 s: {DIGITS}",
+            f"0.05 s: {ROUNDING_TEXT}",
         ),
-        compared("eq 4", "fall from 1 m", POINT_DELAYS_S["fall"], lag.fall_s, 0.005, "{:.2f} s"),
-        compared(
+        compare_numbers(
+            "eq 4", "fall from 1 m", POINT_DELAYS_S["fall"], lag.fall_s, 0.005, "{:.2f} s"
+        ),
+        compare_numbers(
             "eq 5, section 2.3",
             "whole delay",
             POINT_DELAYS_S["total"],
@@ -183,10 +205,13 @@ def points_claims(lag: PointLag) -> list[Claim]:
         Claim(
             "table 1",
             "shaft speed by microstep mode 1, 2, 4",
-            ", ".join(f"{rpm:g}" for rpm in MICROSTEPS.values()) + " r/min",
+            ", ".join(f"{rpm:g}" for rpm in MICROSTEP_RPM.values()) + " r/min",
             ", ".join(f"{rpm:.1f}" for rpm in fits) + f" r/min at {pulses:.0f} pulses/s",
-            How.FITTED,
-            max(abs(ours / rpm - 1.0) for ours, rpm in zip(fits, MICROSTEPS.values(), strict=True))
+            ResultOrigin.FITTED,
+            max(
+                abs(ours / rpm - 1.0)
+                for ours, rpm in zip(fits, MICROSTEP_RPM.values(), strict=True)
+            )
             < 0.01,
             "one pulse rate for three speeds: slower modes are microsteps, not slower pulses",
             "1 %: turns timed by a program's clock; no scatter is printed",
@@ -196,9 +221,9 @@ def points_claims(lag: PointLag) -> list[Claim]:
             "figure 4",
             "turning time over angle, three modes",
             "curves without figures",
-            ", ".join(f"{TURN_DEG / (6.0 * rpm):.3f}" for rpm in MICROSTEPS.values())
+            ", ".join(f"{TURN_DEG / (6.0 * rpm):.3f}" for rpm in MICROSTEP_RPM.values())
             + " s for 120 degrees",
-            How.RECOMPUTED,
+            ResultOrigin.RECOMPUTED,
             None,
             "straight lines of 6 n degrees a second; drawn below from table 1, not read off "
             "the figure",
@@ -207,8 +232,8 @@ def points_claims(lag: PointLag) -> list[Claim]:
             "abstract, conclusion 3",
             "runs stably between",
             "50 and 201 r/min",
-            f"{min(MICROSTEPS.values()):g} and {max(MICROSTEPS.values()):g} r/min",
-            How.RECOMPUTED,
+            f"{min(MICROSTEP_RPM.values()):g} and {max(MICROSTEP_RPM.values()):g} r/min",
+            ResultOrigin.RECOMPUTED,
             True,
             "the ends of table 1, whose slowest mode is said to vibrate markedly",
             "none: the ends of table 1",

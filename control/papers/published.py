@@ -6,7 +6,7 @@ from __future__ import annotations
 
 # Decision paper (A), table 1: plots in their order, and for each frequency CV, %, and C_uc, %, of
 # each plot.
-PLOTS = (
+PLOT_NAMES = (
     "CK-0",
     "CK-1",
     "CK-2",
@@ -20,7 +20,7 @@ PLOTS = (
     "FC-1",
     "FC-2",
 )
-SAMPLING: dict[float, tuple[tuple[float, float], ...]] = {
+SAMPLING_PERCENT: dict[float, tuple[tuple[float, float], ...]] = {
     2.0: (
         (8.6, 93.84),
         (9.26, 93.32),
@@ -94,14 +94,14 @@ SAMPLING: dict[float, tuple[tuple[float, float], ...]] = {
 }
 
 # Paper A, table 2: area, m2, target, kg, applied, kg, and error, %, of each plot.
-APPLIED: dict[str, tuple[float, float, float, float]] = {
+APPLIED_AMOUNTS: dict[str, tuple[float, float, float, float]] = {
     "FA": (600.0, 22.0, 23.6, 7.27),
     "FB": (600.0, 20.2, 21.9, 8.42),
     "FC": (600.0, 18.9, 20.0, 5.82),
 }
 
 # Paper A, table 3: sample, kg, CV, %, and yield, kg/ha, of each treatment.
-YIELDS: dict[str, tuple[float, float, float]] = {
+TREATMENT_YIELDS: dict[str, tuple[float, float, float]] = {
     "CK": (3.01, 15.2, 6000.6),
     "FA": (3.06, 9.1, 6125.3),
     "FB": (3.16, 8.69, 6312.5),
@@ -110,7 +110,7 @@ YIELDS: dict[str, tuple[float, float, float]] = {
 }
 
 # Paper A, 7 March, figure 2: smallest and largest mean NDVI.
-NDVI_OF = {"CK": 0.467, "FC": 0.546}
+PLOT_NDVI = {"CK": 0.467, "FC": 0.546}
 
 # Paper A, section 3.2: "about" this amount.
 EXTRA_N_KG_HA = 28.0
@@ -194,7 +194,7 @@ CORRECTED_M: dict[int, tuple[float, ...]] = {
 }
 
 # Paper B, table 6: misses, m, before and after the correction by shaft speed, r/min.
-GAIN_M: dict[int, tuple[float, float]] = {
+CORRECTION_GAIN_M: dict[int, tuple[float, float]] = {
     10: (3.12, 0.326),
     20: (2.96, 1.046),
     30: (2.88, 0.534),
@@ -205,7 +205,7 @@ GAIN_M: dict[int, tuple[float, float]] = {
 }
 
 # Point paper (C), table 1: shaft speed, r/min, by microstep mode.
-MICROSTEPS: dict[int, float] = {
+MICROSTEP_RPM: dict[int, float] = {
     1: 201.0,
     2: 99.8,
     4: 50.0,

@@ -18,20 +18,20 @@ from topdress.control.agronomy.sampling import (
 )
 from topdress.control.machine.elements import Array
 
-from .decision_paper_claims import rate_from_weighing_kg_ha
-from .page import Cell, Line, Picture, Section, Table
-from .published import APPLIED
+from .decision_paper_claims import calc_weighed_rate
+from .page import Line, Picture, Section, Table, TableCell
+from .published import APPLIED_AMOUNTS
 
 # Number of halvings of the sampling frequency: 2 to 0.125 Hz, as in table 1.
-HALVINGS = 4
+HALVING_COUNT = 4
 # Minimum number of a plot's readings at the lowest frequency: fewer readings give no standard
 # deviation.
-LEAST_READINGS = 4
+MIN_READINGS = 4
 # Confidence of the intervals on these pages.
 CONFIDENCE = 0.90
 
 
-class Plot(NamedTuple):
+class TrialPlot(NamedTuple):
     """Holds one plot.
 
     `before`, `after`: the canopy's index, mean of the heads, (n,), in order of the path. Masses of
@@ -53,58 +53,63 @@ class Plot(NamedTuple):
     def given_kg_ha(self) -> float | None:
         """Returns the applied rate by weighing, or by the log where nothing was weighed, kg/ha."""
         kg = self.logged_kg if self.weighed_kg is None else self.weighed_kg
-        return None if kg is None else rate_from_weighing_kg_ha(kg, self.area_m2)
+        return None if kg is None else calc_weighed_rate(kg, self.area_m2)
 
 
-class Trial(NamedTuple):
+class FieldTrial(NamedTuple):
     """Holds a trial. `hz`: rate of the readings in the log; n_fraction: N in the product;
     grain_n_kg_t: N in the grain."""
 
-    plots: tuple[Plot, ...]
+    plots: tuple[TrialPlot, ...]
     hz: float
     n_fraction: float
     grain_n_kg_t: float
 
     @property
-    def treatments(self) -> dict[str, list[Plot]]:
+    def treatments(self) -> dict[str, list[TrialPlot]]:
         """Returns the plots by treatment, in the order of the plots."""
-        found: dict[str, list[Plot]] = {}
+        found: dict[str, list[TrialPlot]] = {}
         for plot in self.plots:
             found.setdefault(plot.treatment, []).append(plot)
         return found
 
 
-def trial_section(trial: Trial, control: str | None = None) -> Section:
+def make_trial_section(trial: FieldTrial, control: str | None = None) -> Section:
     """Returns the section of a trial. control: the treatment for comparison; None for the
     treatment with the least product. Raises ValueError."""
     if control is not None and control not in trial.treatments:
         raise ValueError(f"--control {control}: allowed is one of {', '.join(trial.treatments)}")
-    against = control or _least(trial)
-    frequency, frequency_words = frequencies(trial)
-    tables = [frequency, canopy(trial), amounts(trial), *yields(trial, against)]
+    against = control or _find_least_product(trial)
+    frequency, frequency_words = make_frequency_table(trial)
+    tables = [
+        frequency,
+        make_canopy_table(trial),
+        make_amount_table(trial),
+        *make_yield_tables(trial, against),
+    ]
     return Section(
         "Trial",
-        (frequency_words, *_words(trial, against)),
+        (frequency_words, *_describe_trial(trial, against)),
         tuple(table for table in tables if table.rows),
-        _pictures(trial),
+        _make_pictures(trial),
     )
 
 
-def choice_of(trial: Trial) -> FrequencyChoice | None:
+def choose_plot_frequency(trial: FieldTrial) -> FrequencyChoice | None:
     """Returns the best decision rate by the plots' own readings; None for too few readings."""
-    plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
+    plots = [_list_evenness(plot, trial.hz) for plot in trial.plots]
     try:
         return choose_frequency(plots, trial.hz)
     except ValueError:
         return None
 
 
-def frequencies(trial: Trial) -> tuple[Table, str]:
+def make_frequency_table(trial: FieldTrial) -> tuple[Table, str]:
     """Returns table 1 of these plots, and the best frequency."""
-    plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
-    rows: list[tuple[Cell, ...]] = []
-    choice = choice_of(trial)
-    for k in range(HALVINGS + 1):
+    plots = [_list_evenness(plot, trial.hz) for plot in trial.plots]
+    rows: list[tuple[TableCell, ...]] = []
+    choice = choose_plot_frequency(trial)
+    for k in range(HALVING_COUNT + 1):
         hz = trial.hz / 2**k
         there = [plot[hz] for plot in plots if hz in plot]
         if there:
@@ -136,27 +141,29 @@ def frequencies(trial: Trial) -> tuple[Table, str]:
     ), said
 
 
-def _frequencies(plot: Plot, hz: float) -> dict[float, Evenness]:
-    wanted = [hz / 2**k for k in range(HALVINGS + 1) if len(plot.before) / 2**k >= LEAST_READINGS]
+def _list_evenness(plot: TrialPlot, hz: float) -> dict[float, Evenness]:
+    wanted = [
+        hz / 2**k for k in range(HALVING_COUNT + 1) if len(plot.before) / 2**k >= MIN_READINGS
+    ]
     return tabulate_frequencies(plot.before, hz, wanted) if wanted else {}
 
 
-def canopy(trial: Trial) -> Table:
+def make_canopy_table(trial: FieldTrial) -> Table:
     """Returns figure 7 as a table: each plot, and the plots of each treatment together."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableCell, ...]] = []
     for treatment, plots in trial.treatments.items():
         rows += [
-            _canopy(
+            _make_canopy_row(
                 treatment, plot.name, measure_evenness(plot.before), measure_evenness(plot.after)
             )
             for plot in plots
         ]
         if len(plots) > 1:
             both = [
-                _together([measure_evenness(part) for part in parts])
+                _combine_evenness([measure_evenness(part) for part in parts])
                 for parts in ([p.before for p in plots], [p.after for p in plots])
             ]
-            rows.append(_canopy(treatment, "mean of plots", *both))
+            rows.append(_make_canopy_row(treatment, "mean of plots", *both))
     return Table(
         "Canopy index by plot, before and after",
         (
@@ -176,7 +183,7 @@ def canopy(trial: Trial) -> Table:
     )
 
 
-def _together(parts: Sequence[Evenness]) -> Evenness:
+def _combine_evenness(parts: Sequence[Evenness]) -> Evenness:
     seen = [part for part in parts if part.n]
     if not seen:
         return Evenness(0, *(float("nan"),) * 3)
@@ -186,23 +193,25 @@ def _together(parts: Sequence[Evenness]) -> Evenness:
     )
 
 
-def _canopy(treatment: str, name: str, before: Evenness, after: Evenness) -> tuple[Cell, ...]:
+def _make_canopy_row(
+    treatment: str, name: str, before: Evenness, after: Evenness
+) -> tuple[TableCell, ...]:
     return (
         treatment,
         name,
         before.n,
         *(
-            _known(figure)
+            _replace_nan(figure)
             for figure in (*before[1:], *after[1:], after.cv_percent - before.cv_percent)
         ),
     )
 
 
-def _known(value: float) -> float | None:
+def _replace_nan(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def amounts(trial: Trial) -> Table:
+def make_amount_table(trial: FieldTrial) -> Table:
     """Returns table 2 of these plots: errors relative to the target, as in the paper. Logged and
     weighed masses show whether the log or the machine is wrong."""
 
@@ -243,7 +252,7 @@ def amounts(trial: Trial) -> Table:
     )
 
 
-def yields(trial: Trial, control: str) -> tuple[Table, ...]:
+def make_yield_tables(trial: FieldTrial, control: str) -> tuple[Table, ...]:
     """Returns table 3 of these plots, with the test whether treatments differ by more than their
     samples' scatter.
 
@@ -256,14 +265,16 @@ def yields(trial: Trial, control: str) -> tuple[Table, ...]:
     }
     if not any(means.values()):
         return ()
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableCell, ...]] = []
     for name, plots in trial.treatments.items():
         samples = np.array([one for plot in plots for one in plot.samples_kg_ha])
         if not len(samples):
             continue
-        more, half = _apart(means[name], means[control]) if name != control else (None, None)
-        given = _mean([plot.given_kg_ha for plot in plots])
-        base = _mean([plot.given_kg_ha for plot in trial.treatments[control]])
+        more, half = (
+            _compare_means(means[name], means[control]) if name != control else (None, None)
+        )
+        given = _calc_mean([plot.given_kg_ha for plot in plots])
+        base = _calc_mean([plot.given_kg_ha for plot in trial.treatments[control]])
         more_n = None if given is None or base is None else (given - base) * trial.n_fraction
         share = (
             100.0 * more * trial.grain_n_kg_t / 1000.0 / more_n
@@ -303,7 +314,9 @@ def yields(trial: Trial, control: str) -> tuple[Table, ...]:
     )
 
 
-def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None, float | None]:
+def _compare_means(
+    ours: Sequence[float], others: Sequence[float]
+) -> tuple[float | None, float | None]:
     """Returns the difference of two means, and half of its 90 % interval (Welch 1947, Biometrika
     34:28-35); no interval where either has a single plot."""
     if not ours or not others:
@@ -320,20 +333,20 @@ def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None
     return more, float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE) * np.sqrt(sum(parts)))
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
+def _calc_mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
 
 
-def _least(trial: Trial) -> str:
+def _find_least_product(trial: FieldTrial) -> str:
     means = {
-        name: _mean([plot.given_kg_ha for plot in plots])
+        name: _calc_mean([plot.given_kg_ha for plot in plots])
         for name, plots in trial.treatments.items()
     }
     return min(means, key=lambda name: (means[name] is None, means[name] or 0.0))
 
 
-def _words(trial: Trial, control: str) -> list[str]:
+def _describe_trial(trial: FieldTrial, control: str) -> list[str]:
     found = [
         f"{len(trial.plots)} plots of {len(trial.treatments)} treatments; held against {control}."
     ]
@@ -343,7 +356,7 @@ def _words(trial: Trial, control: str) -> list[str]:
         if plot.weighed_kg is not None and plot.target_kg
     ]
     if errors:
-        papers = [row[3] for row in APPLIED.values()]
+        papers = [row[3] for row in APPLIED_AMOUNTS.values()]
         found.append(
             f"Control error of what was weighed: {np.mean(errors):+.2f} % in the mean, "
             f"{np.max(np.abs(errors)):.2f} % at most; the paper's are {np.mean(papers):+.2f} and "
@@ -362,14 +375,14 @@ def _words(trial: Trial, control: str) -> list[str]:
     return found
 
 
-def _pictures(trial: Trial) -> tuple[Picture, ...]:
+def _make_pictures(trial: FieldTrial) -> tuple[Picture, ...]:
     numbered = (
         "plot ("
         + ", ".join(f"{k} {plot.name}" for k, plot in enumerate(trial.plots, start=1))
         + ")"
     )
     before, after = (
-        [_known(measure_evenness(part).cv_percent) for part in parts]
+        [_replace_nan(measure_evenness(part).cv_percent) for part in parts]
         for parts in ([plot.before for plot in trial.plots], [plot.after for plot in trial.plots])
     )
     pictures = [
@@ -378,17 +391,17 @@ def _pictures(trial: Trial) -> tuple[Picture, ...]:
             numbered,
             "kg/ha",
             (
-                _line(
+                _make_line(
                     "target",
                     "other",
                     [
                         None
                         if plot.target_kg is None
-                        else rate_from_weighing_kg_ha(plot.target_kg, plot.area_m2)
+                        else calc_weighed_rate(plot.target_kg, plot.area_m2)
                         for plot in trial.plots
                     ],
                 ),
-                _line(
+                _make_line(
                     "as weighed, else by the log",
                     "ours",
                     [plot.given_kg_ha for plot in trial.plots],
@@ -399,7 +412,7 @@ def _pictures(trial: Trial) -> tuple[Picture, ...]:
             "CV of the canopy by plot",
             numbered,
             "CV, %",
-            (_line("before", "published", before), _line("after", "ours", after)),
+            (_make_line("before", "published", before), _make_line("after", "ours", after)),
         ),
     ]
     if any(plot.samples_kg_ha for plot in trial.plots):
@@ -425,6 +438,6 @@ def _pictures(trial: Trial) -> tuple[Picture, ...]:
     return tuple(pictures)
 
 
-def _line(name: str, kind: str, values: Sequence[float | None]) -> Line:
+def _make_line(name: str, kind: str, values: Sequence[float | None]) -> Line:
     there = [(float(k), value) for k, value in enumerate(values, start=1) if value is not None]
     return Line(name, kind, [k for k, _ in there], [value for _, value in there])

@@ -15,7 +15,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from topdress.control.machine.elements import Array
 from topdress.control.machine.machine import Machine
-from topdress.control.papers.trial import Plot, Trial
+from topdress.control.papers.trial import FieldTrial, TrialPlot
 from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.exports.as_applied import build_as_applied, find_outlet_way
 from topdress.drivers.files.fields.shapes import read_named_shapes
@@ -143,7 +143,7 @@ def read_trial(
     weights: Path | None,
     after: Path | None = None,
     machine: Machine | None = None,
-) -> Trial:
+) -> FieldTrial:
     """Returns a trial with the applied, sensed and weighed amounts of each plot.
 
     Parameters
@@ -185,7 +185,7 @@ def read_trial(
         inside = shapely.contains_xy(outline, at[:, 0], at[:, 1])
         there = weighed.get(name, PlotWeights("", None, ()))
         found.append(
-            Plot(
+            TrialPlot(
                 name,
                 # Without a column the treatment is the plot's name without its replicate.
                 there.treatment or name.rpartition("-")[0] or name,
@@ -207,7 +207,7 @@ def read_trial(
     grain_n, share = 23.9, applied.product.n_fraction
     if run.meta is not None and run.meta.crop is not None:
         grain_n = Crop.model_validate(run.meta.crop).grain_n_kg_t
-    return Trial(tuple(found), hz, share, grain_n)
+    return FieldTrial(tuple(found), hz, share, grain_n)
 
 
 class _HeadReadings(NamedTuple):

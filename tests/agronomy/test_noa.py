@@ -38,8 +38,8 @@ from topdress.control.agronomy.sampling import (
     tabulate_frequencies,
 )
 from topdress.control.papers.decision_paper_claims import (
-    extra_nitrogen_kg_ha,
-    rate_from_weighing_kg_ha,
+    calc_extra_nitrogen,
+    calc_weighed_rate,
 )
 from topdress.control.readings import Reading
 
@@ -303,8 +303,8 @@ def test_a_table_of_our_own_where_the_slowest_is_as_good():
 def test_28_kg_more_nitrogen_is_of_the_applied_amounts(paper_table):
     rows = paper_table("decision_table2_applied.csv")
     extra = {
-        column: extra_nitrogen_kg_ha(
-            [rate_from_weighing_kg_ha(float(row[column]), float(row["area_m2"])) for row in rows],
+        column: calc_extra_nitrogen(
+            [calc_weighed_rate(float(row[column]), float(row["area_m2"])) for row in rows],
             300.0,
         )
         for column in ("applied_kg", "target_kg")
@@ -314,12 +314,12 @@ def test_28_kg_more_nitrogen_is_of_the_applied_amounts(paper_table):
 
 
 def test_by_hand_and_refused():
-    assert rate_from_weighing_kg_ha(22.0, 600.0) == pytest.approx(366.7, abs=0.05)
-    assert extra_nitrogen_kg_ha([100.0, 200.0], 100.0, 0.5) == 25.0
+    assert calc_weighed_rate(22.0, 600.0) == pytest.approx(366.7, abs=0.05)
+    assert calc_extra_nitrogen([100.0, 200.0], 100.0, 0.5) == 25.0
     with pytest.raises(ValueError, match="area 0"):
-        rate_from_weighing_kg_ha(1.0, 0.0)
+        calc_weighed_rate(1.0, 0.0)
     with pytest.raises(ValueError, match="no plots"):
-        extra_nitrogen_kg_ha([], 300.0)
+        calc_extra_nitrogen([], 300.0)
 
 
 # --- Fusion of the heads: one bad head never reaches the decision, and is named

@@ -265,9 +265,9 @@ def lag_table(drop_s: float, rows: int = 10, scatter_s: float = 0.03) -> BenchTa
 def test_ten_steps_tell_the_two_apart() -> None:
     carried, _ = settle_tube(lag_table(half_way_s(singly=False)), SHIPPED)
     singly, fit = settle_tube(lag_table(half_way_s(singly=True)), SHIPPED)
-    assert not SHIPPED.tube_is_settled, "what ships was measured by starts alone"
-    assert carried.tube_is_settled and carried.fall.carried_share >= 0.8
-    assert singly.tube_is_settled and singly.fall.carried_share <= 0.4
+    assert not SHIPPED.is_tube_measured, "what ships was measured by starts alone"
+    assert carried.is_tube_measured and carried.fall.carried_share >= 0.8
+    assert singly.is_tube_measured and singly.fall.carried_share <= 0.4
     assert fit.rows_used == 10 and fit.sd < 0.2 and fit.settles
     assert singly.adopted[-1].id == "fall.carried_share" and singly.adopted[-1].high <= 0.7
 
@@ -282,7 +282,7 @@ def test_few_or_foreign_rows_settle_nothing() -> None:
     ):
         settle_tube(lag_table(2.6), SHIPPED)
     wide, fit = settle_tube(lag_table(0.95, rows=3, scatter_s=0.4), SHIPPED)
-    assert not fit.settles and not wide.tube_is_settled
+    assert not fit.settles and not wide.is_tube_measured
 
 
 def test_calibrate_lag_takes_a_table_of_steps(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_calibrate_lag_takes_a_table_of_steps(tmp_path: Path) -> None:
     assert "tube: 10 changes between two rates" in result.output
     mine = load_config(str(out), MACHINE_FILES).model
     assert (
-        mine.tube_is_settled
+        mine.is_tube_measured
         and mine.fall.carried_share <= 0.4
         and mine.fall.intercept_s == pytest.approx(1.8288)
     )

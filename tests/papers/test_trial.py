@@ -14,7 +14,12 @@ import pytest
 from scipy.stats import ttest_ind
 from topdress.control.geodesy import TangentPlane
 from topdress.control.papers import published
-from topdress.control.papers.trial import Plot, Trial, choice_of, trial_section
+from topdress.control.papers.trial import (
+    FieldTrial,
+    TrialPlot,
+    choose_plot_frequency,
+    make_trial_section,
+)
 from topdress.drivers.files.trial import TrialError, read_trial, read_trial_plots, read_weights
 
 from tests.command import topdress
@@ -126,12 +131,12 @@ def test_readings_are_counted_where_the_heads_look(driven: Driven) -> None:
 
 def test_the_decision_rate_is_that_of_the_papers_own_rule(driven: Driven) -> None:
     trial = read_trial(driven.plots, driven.log, driven.weights)
-    choice = choice_of(trial)
+    choice = choose_plot_frequency(trial)
     assert choice is not None and choice.frequency_hz == min(
         choice.departure, key=lambda hz: choice.departure[hz]
     )
     few = trial._replace(plots=tuple(plot._replace(before=plot.before[:5]) for plot in trial.plots))
-    assert choice_of(few) is None and "too few" in trial_section(few).words[0]
+    assert choose_plot_frequency(few) is None and "too few" in make_trial_section(few).words[0]
 
 
 def test_one_page(driven: Driven) -> None:
@@ -160,8 +165,8 @@ def test_one_page(driven: Driven) -> None:
     assert wrong.exit_code == 2 and "--control C: allowed is one of A, B" in wrong.output
 
 
-def plot(name: str, *samples: float, kg: float = 20.0) -> Plot:
-    return Plot(name, name[:-2], 600.0, np.zeros(0), np.zeros(0), kg, kg, None, samples)
+def plot(name: str, *samples: float, kg: float = 20.0) -> TrialPlot:
+    return TrialPlot(name, name[:-2], 600.0, np.zeros(0), np.zeros(0), kg, kg, None, samples)
 
 
 def test_differences_of_yields_have_the_interval_of_plots() -> None:
@@ -175,7 +180,7 @@ def test_differences_of_yields_have_the_interval_of_plots() -> None:
         plot("FA-2", 6400.0),
         plot("CP-0", 7000.0),
     )
-    table = trial_section(Trial(plots, 2.0, 0.45, 23.9)).tables[-1]
+    table = make_trial_section(FieldTrial(plots, 2.0, 0.45, 23.9)).tables[-1]
     rows = {row[0]: row for row in table.rows}
     ours, others = [6500.0, 6900.0, 6400.0], [6050.0, 5900.0, 6200.0]
     found = ttest_ind(ours, others, equal_var=False).confidence_interval(0.90)
@@ -189,12 +194,13 @@ def test_the_papers_own_table_3_comes_out_of_it() -> None:
     """Its printed yields, one plot a treatment: the same shares as on the papers' page, without
     the base."""
     plots = tuple(
-        plot(f"{name}-0", kg_ha, kg=published.APPLIED.get(name, (0.0,) * 3)[2])
-        for name, (_, _, kg_ha) in published.YIELDS.items()
+        plot(f"{name}-0", kg_ha, kg=published.APPLIED_AMOUNTS.get(name, (0.0,) * 3)[2])
+        for name, (_, _, kg_ha) in published.TREATMENT_YIELDS.items()
         if name != "CP"
     )
     rows = {
-        row[0]: row for row in trial_section(Trial(plots, 2.0, 0.45, 23.9), "CK").tables[-1].rows
+        row[0]: row
+        for row in make_trial_section(FieldTrial(plots, 2.0, 0.45, 23.9), "CK").tables[-1].rows
     }
     assert [round(rows[name][5], 1) for name in ("FA", "FB", "FC")] == [124.7, 311.9, 999.6]
 

@@ -199,7 +199,7 @@ def plan_rate_change(tables: Sequence[BenchTable], machine: Machine) -> NextRun 
     say nothing about the tube."""
     lags = [table for table in tables if table.kind == "lag"]
     if (
-        machine.tube_is_settled
+        machine.is_tube_measured
         or not lags
         or any(table.find_running_rows().any() for table in lags)
     ):
