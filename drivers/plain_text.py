@@ -48,7 +48,7 @@ class OneLineError(ValueError):
         super().__init__(join_lines(text))
 
     @classmethod
-    def of(cls, error: RefusedInput) -> Self:
+    def from_error(cls, error: RefusedInput) -> Self:
         """Returns the refusal of another reader as an error of this class."""
         return cls(str(error))
 
@@ -95,7 +95,7 @@ class RefusedInput(OneLineError):
         )
 
     @classmethod
-    def of(
+    def from_error(
         cls, error: RefusedInput, where: PlaceInFile | Path | str | None = None, hint: str = ""
     ) -> Self:
         """Returns another refusal as an error of this class. `where` replaces its place, `hint`

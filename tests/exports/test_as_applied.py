@@ -288,7 +288,7 @@ def test_every_section_has_stretches_of_its_own(by_section):
     left, right = places[::2], places[1::2]
     assert all(one.intersection(other).area < 1e-6 for one in left for other in right)
     assert [one.area for one in places] == pytest.approx(s.area_m2[late][:6].tolist(), rel=0.1)
-    widths = {column.name: column for column in EXPORT_COLUMNS}["swath_width_m"].of(found)
+    widths = {column.name: column for column in EXPORT_COLUMNS}["swath_width_m"].find_values(found)
     assert widths.tolist() == s.width_m.tolist()
 
 

@@ -14,13 +14,13 @@ from topdress.drivers.files.exports.as_applied import AsApplied
 
 class ExportColumn(NamedTuple):
     """Describes a column: `name` in CSV and GeoJSON, `short` in a shapefile (at most ten
-    characters), number of `decimals`, and `of`, which returns its values (n,)."""
+    characters), number of `decimals`, and `find_values`, which returns its values (n,)."""
 
     name: str
     short: str
     width: int
     decimals: int
-    of: Callable[[AsApplied], Array]
+    find_values: Callable[[AsApplied], Array]
 
 
 # Name in a shapefile of the column that is utc elsewhere.
@@ -53,7 +53,9 @@ EXPORT_COLUMNS = (
 def iter_export_records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
     """Yields each segment's time (ISO 8601, empty where unknown) and the columns' rounded values;
     None for unknown."""
-    arrays = [np.round(column.of(applied), column.decimals).tolist() for column in EXPORT_COLUMNS]
+    arrays = [
+        np.round(column.find_values(applied), column.decimals).tolist() for column in EXPORT_COLUMNS
+    ]
     for k, time_s in enumerate(applied.stretches.time_s.tolist()):
         moment = applied.utc(time_s)
         text = (

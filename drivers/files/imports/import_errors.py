@@ -25,7 +25,7 @@ class TableError(ValueError):
         return "\n".join(self.lines)
 
     @classmethod
-    def of(cls, error: RefusedInput) -> Self:
+    def from_error(cls, error: RefusedInput) -> Self:
         """Returns another reader's refusal as an error of this class."""
         return cls(str(error.where), f"{error.reason}{error.hint}")
 

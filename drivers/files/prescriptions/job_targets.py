@@ -225,7 +225,7 @@ def _convert_job_map(
         read = read_prescription(folder / job.target.map)
     # A job cannot answer questions, so the map must be converted before.
     except RateQuestion as question:
-        raise RateQuestion.of(
+        raise RateQuestion.from_error(
             question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes"
         ) from None
     try:

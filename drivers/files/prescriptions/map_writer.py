@@ -68,7 +68,7 @@ def write_prescription(data: MapData, path: Path) -> None:
         try:
             root, files = build_prescription_task(data)
         except PrescriptionError as error:
-            raise PrescriptionError.of(error, path) from None
+            raise PrescriptionError.from_error(error, path) from None
         write_task_files(path, root, files)
 
 
