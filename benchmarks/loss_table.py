@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 from rig import DT_S, Rig
 from terminals import wait
 from topdress.console.worker.assemble import SimulatedBench
-from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, RunNames
+from topdress.console.worker.loop_host import Host
+from topdress.console.worker.run_parts import Assembly, RunNames
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.atomic import NewFile

@@ -41,7 +41,7 @@ def worked(
     ready and starts it; at `until_s` it is asked to end. options : of the host.
     """
     from topdress.console.worker.assemble import assemble_run
-    from topdress.console.worker.host import Host
+    from topdress.console.worker.loop_host import Host
     from topdress.console.worker.options import parse_options
     from topdress.console.worker.requests import ClientQuestion
     from topdress.control.orders import Do, Order

@@ -124,7 +124,7 @@ class Link:
         )
 
     async def request_stats(self, timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, float]:
-        """Returns the punctuality of the worker's loop (`console.worker.host`) and counts of
+        """Returns the punctuality of the worker's loop (`console.worker.loop_host`) and counts of
         requests that its link refused. Raises TimeoutError."""
         said = await self._send_request({"ask": "stats"}, timeout_s)
         return dict(said.get("stats", {}))

@@ -12,6 +12,7 @@ Files:
 - `braille`: Draws lines in braille characters (2 x 4 dots a cell) from values over time
 - `camera`: Defines the part of the ground that a map shows
 - `channels`: Declares every number of a log row as a channel that the Trends page can plot
+- `common_keys`: Defines the actions that every page offers, with their functions
 - `coverage_raster`: Accumulates applied rate, target
 - `dialogs`: Defines the dialogs that ask before something changes
 - `digits`: Draws numerals from blocks, with one face of 3 x 5 pixels at three scales
@@ -19,12 +20,13 @@ Files:
 - `field_picture`: Defines the static parts of a map
 - `fields`: Caches pictures of fields
 - `first_question`: Asks at the start for field and job, most recent first
+- `frame_words`: Translates the ids in frames to words
 - `guide_line`: Calculates how far the machine is off the nearest parallel of a guidance line from
 - `guide_line_store`: Converts the A-B line and a boundary in progress to records of a file next to
+- `guided_tour`: Defines the guided tour: eight steps on the simulated machine
 - `held_key`: Decides whether a key or mouse button is held down
 - `history`: Stores the history that plots and map show
 - `key_normaliser`: Determines which key an operator meant
-- `keys`: Defines the actions that every page offers, with their functions
 - `layers`: Defines the quantities that colour a map, and the range of each colour scale
 - `map_image`: Calculates the palette entry of every map pixel
 - `map_ink`: Draws every map: pages
@@ -33,6 +35,7 @@ Files:
 - `ordered_words`: Words an order, either as given or as offered
 - `overlay_file`: Holds a file of another day that is overlaid on the map below the work
 - `pages`: Each page has a folder with its screen, its keys and their functions, its words
+- `panel_views`: Converts a frame and its age to the texts and shares that panels show
 - `plain_lines`: Removes terminal control characters from every line before it is drawn
 - `presence_text`: Words the presence of other consoles at the machine
 - `reasons`: Explains in one line why an action is impossible now; "" where it is possible
@@ -48,12 +51,9 @@ Files:
 - `terminal`: Determines the colours that the terminal can show
 - `terminal_watch`: Ends a console with its terminal
 - `themes`: Defines the themes day, night and high contrast, with colours for target, applied
-- `tour`: Defines the guided tour: eight steps on the simulated machine
 - `type_ahead_guard`: Swallows keys that were typed for a question that was refused
 - `typed_number`: Reads a number that an operator types
-- `undo`: Records changes that can be undone, with one key and one question
+- `undo_stack`: Records changes that can be undone, with one key and one question
 - `units`: Converts SI values to displayed units
-- `view`: Converts a frame and its age to the texts and shares that panels show, as frozen values
 - `widgets`: Widgets of the screens
-- `words`: Translates the ids in frames to words
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from topdress.console.app import keys as common
+from topdress.console.app import common_keys as common
 from topdress.console.app.action import ANYWHERE, Action
 from topdress.console.app.pages.calibrate import keys as calibrate
 from topdress.console.app.pages.devices import keys as devices

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
+from topdress.console.app.panel_views import format_local_time
 from topdress.console.app.units import Units
-from topdress.console.app.view import format_local_time
 from topdress.console.locale import _
 from topdress.console.worker.resume_alarms import AlarmRecord
 from topdress.control.orders import Alarm, Severity
@@ -108,7 +108,7 @@ def make_alarm_entries(
 
 
 def _make_alarm_entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry:
-    said = words.describe_alarm(
+    said = frame_words.describe_alarm(
         Alarm(record.id, record.severity, record.first_s, record.acknowledged, record.details),
         units,
     )
@@ -139,8 +139,8 @@ def _make_alarm_entry(record: AlarmRecord, units: Units, utc_offset_s: float) ->
         when.append(_("not acknowledged"))
     return AlarmEntry(
         record.severity,
-        words.SEVERITY_SYMBOLS[record.severity],
-        _(words.SEVERITY_NAMES[record.severity]),
+        frame_words.SEVERITY_SYMBOLS[record.severity],
+        _(frame_words.SEVERITY_NAMES[record.severity]),
         said.text,
         said.place,
         said.todo,

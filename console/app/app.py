@@ -20,10 +20,11 @@ from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 from topdress.console import import_hooks
-from topdress.console.app import actions, key_normaliser, themes, words
+from topdress.console.app import actions, frame_words, key_normaliser, themes
 from topdress.console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
 from topdress.console.app.alarms import AlarmBell
 from topdress.console.app.attach_notice import JoinedMachine, describe_attachment
+from topdress.console.app.common_keys import ACTIONS
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from topdress.console.app.dose_change import predict_dose_change
 from topdress.console.app.fields import FieldPictures
@@ -34,14 +35,15 @@ from topdress.console.app.first_question import (
 )
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.guide_line_store import KeptLines, make_line_record
+from topdress.console.app.guided_tour import Tour
 from topdress.console.app.history import LiveHistory
-from topdress.console.app.keys import ACTIONS
 from topdress.console.app.name_dialog import NameDialog
-from topdress.console.app.pages.all import Pages
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.job.checklist import find_file_name
 from topdress.console.app.pages.job.service import RecentSet
-from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.page_registry import Pages
 from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.panel_views import format_local_time
 from topdress.console.app.plain_lines import ControlCharacterFilter
 from topdress.console.app.presence_text import (
     PresenceView,
@@ -53,17 +55,15 @@ from topdress.console.app.presence_text import (
 from topdress.console.app.reasons import explain_no_machine, find_first_key
 from topdress.console.app.refresh_rates import NUMBERS_PERIOD_S
 from topdress.console.app.screens.alarm_list import AlarmList
-from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
 from topdress.console.app.settings import apply_settings, make_theme, set_rate_limits
 from topdress.console.app.source import FrameArrival, FrameSource
 from topdress.console.app.terminal import TerminalPulse, find_terminal
-from topdress.console.app.tour import Tour
 from topdress.console.app.type_ahead_guard import HeldEnter, TypeAheadGuard
-from topdress.console.app.undo import UndoableChange, UndoStack, describe_undo, reverse_orders
+from topdress.console.app.undo_stack import UndoableChange, UndoStack, describe_undo, reverse_orders
 from topdress.console.app.units import METRIC, Units
-from topdress.console.app.view import format_local_time
 from topdress.console.app.widgets.key_bar import URGENT_ACTIONS, KeyBar
 from topdress.console.frame import Frame
 from topdress.console.gc_tuning import FreezeSchedule
@@ -1042,7 +1042,9 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _show_refusal(self, answer: Answer, quiet: bool, do: Do | None = None) -> Answer:
         if not quiet:
             frame = self.arrival.frame
-            said = words.describe_refusal(answer.why, frame.alarms if frame is not None else ())
+            said = frame_words.describe_refusal(
+                answer.why, frame.alarms if frame is not None else ()
+            )
             wanted = None if do is None else STATE_AFTER_ORDER.get(do)
             name, _mark, state = answer.why.partition(";state=")
             first = (

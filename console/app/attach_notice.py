@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.console.app.pages.job.checklist import find_file_name
-from topdress.console.app.view import format_local_time
+from topdress.console.app.panel_views import format_local_time
 from topdress.console.locale import _
 
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from topdress.console.app.panel_views import find_rate_error
 from topdress.console.app.units import Unit, Units
-from topdress.console.app.view import find_rate_error
 from topdress.console.locale import N_
 from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 

@@ -14,9 +14,9 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 from topdress.console.app.type_ahead_guard import MAX_TYPING_PAUSE_S
+from topdress.console.app.widgets.base_panel import Picked
 from topdress.console.app.widgets.choice_list import Choice as Choice
 from topdress.console.app.widgets.choice_list import ChoiceList, ChoicesView
-from topdress.console.app.widgets.panel import Picked
 from topdress.console.locale import _
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.console.app.typed_number import format_number
-from topdress.console.app.undo import find_ordered_source
+from topdress.console.app.undo_stack import find_ordered_source
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.pages.job.checklist import find_file_name
-from topdress.console.app.view import format_local_time
+from topdress.console.app.panel_views import format_local_time
 from topdress.console.locale import _
 from topdress.control.orders import Do
 

@@ -8,8 +8,8 @@ from itertools import islice
 from typing import NamedTuple
 
 from topdress.console.app.coverage_raster import Spot, WorkedGround, make_spot
+from topdress.console.app.panel_views import find_applied_kg_ha
 from topdress.console.app.series import LogSeries, SeriesPyramid
-from topdress.console.app.view import find_applied_kg_ha
 from topdress.console.frame import Frame
 
 # Time span of the trend on the Run page, s.

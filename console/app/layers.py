@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.panel_views import ERROR_BAR_SHARE
 from topdress.console.app.units import Units
-from topdress.console.app.view import ERROR_BAR_SHARE
 from topdress.console.locale import N_
 from topdress.console.scale import (
     Rgb,

@@ -21,7 +21,7 @@ from topdress.console.app.coverage_raster import (
 from topdress.console.app.field_picture import FieldPicture, Ring
 from topdress.console.app.layers import LAYER_KINDS, RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.overlay_file import OverlayView
-from topdress.console.app.view import MIN_ERROR_REFERENCE_KG_HA
+from topdress.console.app.panel_views import MIN_ERROR_REFERENCE_KG_HA
 from topdress.console.scale import COLOUR_STEPS
 
 # Palette entries; shape (rows, columns) from the north-west.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Unit, Units
 from topdress.console.locale import N_, _
@@ -74,9 +74,9 @@ def _format_order_value(do: str, value: str, units: Units) -> str:
     if value in ("True", "False"):
         return _("on") if value == "True" else _("off")
     if do == Do.STRATEGY:
-        return words.name_strategy(value)
+        return frame_words.name_strategy(value)
     if do == Do.SOURCE:
-        return words.name_source(value)
+        return frame_words.name_source(value)
     try:
         number = float(value)
     except ValueError:

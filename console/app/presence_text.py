@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.console.app.ordered_words import format_order
+from topdress.console.app.panel_views import format_duration, format_local_time
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import format_duration, format_local_time
 from topdress.console.attached import AttachedConsole, ExecutedOrder
 from topdress.console.frame import Frame
 from topdress.console.locale import _

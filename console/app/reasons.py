@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topdress.console.app.words import name_state
+from topdress.console.app.frame_words import name_state
 from topdress.console.locale import _
 from topdress.control.orders import Severity, State
 from topdress.control.safety import STATE_REASONS

@@ -7,8 +7,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.panel_views import format_duration
 from topdress.console.app.units import M2_PER_HA, Units
-from topdress.console.app.view import format_duration
 from topdress.console.frame import Frame
 
 # Before this working time, s, the pace of the work is unknown.

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+from topdress.console.app.frame_words import describe_alarm, describe_refusal
 from topdress.console.app.held_key import HeldKey
-from topdress.console.app.words import describe_alarm, describe_refusal
 from topdress.console.frame import Frame
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, State
 from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from topdress.console.worker.host import Host
+    from topdress.console.worker.loop_host import Host
     from topdress.drivers.cab import Cab
 
 
@@ -153,8 +153,8 @@ def make_host(
     The devices are those of a cab file that exist (`urls` by name); the board has the machine's
     limits. Nothing is logged.
     """
-    from topdress.console.worker.host import Host
-    from topdress.console.worker.parts import Assembly, RunNames
+    from topdress.console.worker.loop_host import Host
+    from topdress.console.worker.run_parts import Assembly, RunNames
     from topdress.control.loop import ControlLoop
     from topdress.control.safety import SafetyLimits
     from topdress.drivers.cab import Cab, CabConfig

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from topdress.console.app.words import describe_refusal
+from topdress.console.app.frame_words import describe_refusal
 from topdress.console.cli.at_the_bench import (
     BenchOperator,
     Keyboard,

@@ -6,7 +6,7 @@ a text in a table, which is translated when it is shown.
 
 Files:
 
-- `po`: Reads gettext's .po format
+- `po_reader`: Reads gettext's .po format
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from topdress.console.locale.po import read_po
+from topdress.console.locale.po_reader import read_po
 
 # Code of the language of the source code.
 ENGLISH_CODE = "en"

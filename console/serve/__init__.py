@@ -3,7 +3,7 @@
 Files:
 
 - `server`: Runs the tablet's web server on textual-serve
-- `tab`: Runs one tab's console as a process in a process group of its own
+- `tab_console`: Runs one tab's console as a process in a process group of its own
 """
 
 # Variable in a tab's environment with the process id of the server, whose end is the end of the

@@ -25,7 +25,7 @@ from aiohttp.web_protocol import RequestHandler
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 from topdress.console.attached import clean_name
-from topdress.console.serve.tab import TabConsole
+from topdress.console.serve.tab_console import TabConsole
 
 # Consoles at once; a console counts until its process has ended.
 MAX_TABS = 6

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.catch_test import CatchPoint
 from topdress.console.app.pages.calibrate.service import (
     Calibrated,
     CalibrateService,
@@ -20,7 +20,7 @@ from topdress.console.app.pages.calibrate.service import (
     EstimateName,
     LagTable,
 )
-from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.app.pages.calibrate.wheel_drive import WheelSample
 from topdress.console.services.launcher import find_data_folder
 from topdress.control.machine.flow import calc_grams_per_rev
 from topdress.control.machine.machine import Machine

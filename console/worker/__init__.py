@@ -6,12 +6,11 @@ Files:
 - `assemble`: Builds the parts of one run from its options
 - `client`: Holds one connection of the link on the worker's side
 - `device_service`: Executes orders for single devices
-- `host`: Hosts the control loop: it runs one tick after the other at absolute deadlines
 - `lag_bench`: Runs the lag test in the worker
 - `limits`: Declares every limit of the control worker
 - `link_server`: Serves the worker's end of the link
+- `loop_host`: Hosts the control loop: it runs one tick after the other at absolute deadlines
 - `options`: Parses the worker's options
-- `parts`: Declares the parts that a host drives
 - `program`: Runs the worker as a program
 - `requests`: What a client may send: one JSON object a line
 - `resume`: Reads and writes the snapshot next to the log, NAME.resume.json
@@ -22,8 +21,9 @@ Files:
 - `resume_keeper`: Maintains the snapshot of a running job
 - `resume_tail`: Adds the last seconds before a power cut
 - `run_file`: Writes the run file, which tells where a worker listens and contains its token
+- `run_parts`: Declares the parts that a host drives
 - `side_files`: Appends to files next to the log in a thread
 - `snapshots`: Lists the snapshots of jobs, NAME.resume.json
 - `system`: Contains everything that differs between Linux, macOS and Windows
-- `wire`: Converts frames, answers and the greeting to bytes, one JSON object per line
+- `wire_format`: Converts frames, answers and the greeting to bytes, one JSON object per line
 """

@@ -11,7 +11,6 @@ from typing import Any
 
 import platformdirs
 from topdress.console.worker.options import Options
-from topdress.console.worker.parts import Assembly, Bench, RunNames
 from topdress.console.worker.program import Clock
 from topdress.console.worker.resume import make_snapshot_path
 from topdress.console.worker.resume_assemble import (
@@ -23,6 +22,7 @@ from topdress.console.worker.resume_assemble import (
 from topdress.console.worker.resume_field import list_logs_here
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
+from topdress.console.worker.run_parts import Assembly, Bench, RunNames
 from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.console.worker.limits import LISTEN_TEST_DURATION_S, MAX_CAPTURE_BYTES
-from topdress.console.worker.parts import Bench
 from topdress.console.worker.requests import DeviceOrder
+from topdress.console.worker.run_parts import Bench
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.orders import Answer, State
 from topdress.drivers.cab_line import DeviceLine, Direction

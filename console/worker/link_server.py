@@ -27,9 +27,8 @@ from typing import Any
 
 from topdress.console.attached import DEFAULT_NAME, format_attached_event, make_unique_name
 from topdress.console.frame import Frame
-from topdress.console.worker import wire
+from topdress.console.worker import wire_format
 from topdress.console.worker.client import Client, ClientKind
-from topdress.console.worker.host import Host
 from topdress.console.worker.limits import (
     CONSOLE_SILENCE_S,
     FIRST_MESSAGE_TIMEOUT_S,
@@ -48,6 +47,7 @@ from topdress.console.worker.limits import (
     UNAUTHORISED_TURN_PERIOD_S,
     VIEWER_REPORT_DELAY_S,
 )
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.requests import ClientQuestion, Refusal, Request, parse_request
 from topdress.control.orders import Answer, State
 
@@ -302,7 +302,7 @@ class LinkServer(threading.Thread):
             client = Client(connection, self._clock())
             self._clients.append(client)
             self._unauthorised_selector.register(connection, selectors.EVENT_READ, client)
-            client.queue_bytes(wire.format_greeting(os.getpid()))
+            client.queue_bytes(wire_format.format_greeting(os.getpid()))
 
     def _make_room_for_new(self) -> None:
         """Respect the limit of new clients: ignored clients are dropped first, then the oldest that
@@ -385,14 +385,16 @@ class LinkServer(threading.Thread):
             self._take_request(client, request)
         elif isinstance(request, Refusal):
             self.counts[request.kind] += 1
-            client.queue_bytes(wire.format_answer(request.id, Answer(False, request.why), {}))
+            client.queue_bytes(
+                wire_format.format_answer(request.id, Answer(False, request.why), {})
+            )
 
     def _ignore_client(self, client: Client) -> None:
         """Ignore a client from now on: whatever it sends stays in its own buffer."""
         self.counts["clients_put_aside"] += 1
         client.ignored_since_s = self._clock()
         self._unauthorised_selector.unregister(client.connection)
-        client.queue_bytes(wire.format_answer(None, Answer(False, "refused too often"), {}))
+        client.queue_bytes(wire_format.format_answer(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
         """Process a valid request."""
@@ -409,7 +411,7 @@ class LinkServer(threading.Thread):
             self._name_client(client, request)
         if request.what in (ClientQuestion.ALIVE, ClientQuestion.LOOK):
             client.queue_bytes(
-                wire.format_answer(
+                wire_format.format_answer(
                     request.id, Answer(True), {"name": client.name} if request.name else {}
                 )
             )
@@ -421,7 +423,7 @@ class LinkServer(threading.Thread):
             client.name or DEFAULT_NAME,
         ):
             self.counts["busy"] += 1
-            client.queue_bytes(wire.format_answer(request.id, Answer(False, "busy"), {}))
+            client.queue_bytes(wire_format.format_answer(request.id, Answer(False, "busy"), {}))
 
     def _name_client(self, client: Client, request: Request) -> None:
         """Name a client as it calls itself, but never as another client; a name once shown
@@ -459,7 +461,7 @@ class LinkServer(threading.Thread):
                 name: part | {"clients": len(self._clients)} | dict(self.counts)
                 for name, part in extra.items()
             }
-        self._answers.append((client, wire.format_answer(number, answer, extra)))
+        self._answers.append((client, wire_format.format_answer(number, answer, extra)))
 
     def _send_answers_and_frame(self) -> None:
         """Send queued answers, and the newest frame if it is due."""
@@ -505,7 +507,7 @@ class LinkServer(threading.Thread):
     def _send_frame(self, frame: Frame) -> None:
         """Send a frame to every client that has read the former frame."""
         try:
-            data = wire.format_frame(frame)
+            data = wire_format.format_frame(frame)
         except (ValueError, TypeError):
             self.counts["frames_not_finite"] += 1
             return

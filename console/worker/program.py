@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 
 from topdress.console import import_hooks
 from topdress.console.worker import run_file
-from topdress.console.worker.host import Host
 from topdress.console.worker.link_server import LinkServer
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options, parse_options
-from topdress.console.worker.parts import Assembly
+from topdress.console.worker.run_parts import Assembly
 from topdress.console.worker.system import handle_signals, set_priority
 
 Clock = Callable[[], float]

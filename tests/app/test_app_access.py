@@ -11,11 +11,11 @@ from rich.color import Color, ColorSystem
 from textual.command import CommandPalette
 from textual.events import Click, MouseDown, MouseUp
 from textual.widgets import OptionList
-from topdress.console.app import actions, themes, words
+from topdress.console.app import actions, frame_words, themes
 from topdress.console.app.action import ANYWHERE, RUN, Action
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import TextDialog
-from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.console.app.widgets.status_line import StatusLine
 from topdress.control.orders import Do
@@ -43,7 +43,7 @@ XTERM = (
     "#00ffff",
     "#ffffff",
 )
-CHIPS = ("alarm-red", "alarm-amber", *(f"state-{state}" for state in words.STATE_NAMES))
+CHIPS = ("alarm-red", "alarm-amber", *(f"state-{state}" for state in frame_words.STATE_NAMES))
 TEXTS = (
     ("on-select", "select"),
     ("on-stop", "stop"),
@@ -343,7 +343,7 @@ async def test_locked_no_click_on_any_page_orders_or_asks(full, source, turned):
 def test_what_a_key_does_stands_beside_it():
     for action in actions.ACTIONS:
         home = (
-            "topdress.console.app.keys"
+            "topdress.console.app.common_keys"
             if action.where == ANYWHERE
             else f"topdress.console.app.pages.{action.where}.keys"
         )

@@ -10,8 +10,8 @@ from math import dist
 import pytest
 from topdress.console.app import themes
 from topdress.console.app.alarms import make_alarm_entries
+from topdress.console.app.panel_views import make_alarms_view
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import make_alarms_view
 from topdress.console.app.widgets.alarm_bar import AlarmBar
 from topdress.console.frame import format_frame_json, parse_frame
 from topdress.console.worker.resume_alarms import AlarmHistory

@@ -10,10 +10,10 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.calibrate.guide import GuidePanel
+from topdress.console.app.pages.calibrate.guide_panel import GuidePanel
 from topdress.console.app.pages.calibrate.progress_rows import BarRow, ProgressRows
 from topdress.console.app.services import Services
-from topdress.console.app.widgets.chips import Chips, place_chips
+from topdress.console.app.widgets.action_chips import Chips, place_chips
 from topdress.console.link import WorkerGone
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.safety import BenchRun

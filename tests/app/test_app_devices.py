@@ -9,7 +9,7 @@ import pytest
 from topdress.console.app.dialogs import Confirm
 from topdress.console.app.pages.devices import device_view
 from topdress.console.app.pages.devices.device_table import DeviceTable
-from topdress.console.app.widgets.chips import Chips, place_chips
+from topdress.console.app.widgets.action_chips import Chips, place_chips
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.control.orders import Answer
 from topdress.control.readings import EffortFinding

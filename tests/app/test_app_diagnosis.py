@@ -13,8 +13,8 @@ from topdress.console.app.action import DIAGNOSIS
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog, Confirm, TextDialog
 from topdress.console.app.name_dialog import NameDialog
-from topdress.console.app.pages.diagnosis import shown as diagnosis_shown
-from topdress.console.app.pages.diagnosis import words as diagnosis_words
+from topdress.console.app.pages.diagnosis import diagnosis_words as diagnosis_words
+from topdress.console.app.pages.diagnosis import panel_views as diagnosis_shown
 from topdress.console.app.pages.diagnosis.causes import CauseList, draw_interval_bar
 from topdress.console.app.pages.diagnosis.page import (
     SourceList,

@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
-from topdress.console.app import camera, view
+from topdress.console.app import camera, panel_views
 from topdress.console.app.actions import ACTIONS
 from topdress.console.app.braille import trace_values
 from topdress.console.app.coverage_raster import Box
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.history import LiveHistory
-from topdress.console.app.pages.calibrate.curve import CurvePlot, CurveView
+from topdress.console.app.pages.calibrate.curve_plot import CurvePlot, CurveView
 from topdress.console.app.refresh_rates import RefreshTimer
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.app.widgets.panel import align_text_right, fit_text_width, spread_parts
-from topdress.console.app.widgets.tiles import draw_share_bar
+from topdress.console.app.widgets.base_panel import align_text_right, fit_text_width, spread_parts
+from topdress.console.app.widgets.value_tiles import draw_share_bar
 from topdress.console.scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
 from topdress.control.log_row import LogRow
 
@@ -188,9 +188,9 @@ def test_what_is_typed_comes_back_in_si(shown):
 
 
 def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
-    assert view.find_rate_error(300.0, 270.0) == pytest.approx(-0.10)
-    assert view.find_rate_error(10.0, 20.0) == pytest.approx(0.20)
-    assert view.find_rate_error(None, 20.0) is None
+    assert panel_views.find_rate_error(300.0, 270.0) == pytest.approx(-0.10)
+    assert panel_views.find_rate_error(10.0, 20.0) == pytest.approx(0.20)
+    assert panel_views.find_rate_error(None, 20.0) is None
 
 
 @pytest.mark.parametrize(
@@ -200,24 +200,32 @@ def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
 def test_levels_of_the_rate_error(applied, level, text):
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=applied)
-    rates = view.make_run_view(replace(frame, row=row), 0.0, METRIC).rates
+    rates = panel_views.make_run_view(replace(frame, row=row), 0.0, METRIC).rates
     assert (rates.level, rates.error.text) == (level, text)
 
 
 def test_a_machine_that_is_held_owes_nothing():
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=0.0)
-    assert view.make_run_view(replace(frame, row=row), 0.0, METRIC).rates.error.text == "-100 %"
-    held = view.make_run_view(replace(frame, row=row._replace(state="held")), 0.0, METRIC).rates
+    assert (
+        panel_views.make_run_view(replace(frame, row=row), 0.0, METRIC).rates.error.text == "-100 %"
+    )
+    held = panel_views.make_run_view(
+        replace(frame, row=row._replace(state="held")), 0.0, METRIC
+    ).rates
     assert (held.error.text, held.error_share, held.level) == ("--", None, "")
 
 
 def test_times():
-    assert view.format_duration(59.9) == "00:59" and view.format_duration(3723) == "1:02:03"
-    assert view.format_local_time("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
-    assert view.format_local_time("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
     assert (
-        view.format_local_time(None, 0.0) == "" and view.format_local_time("yesterday", 0.0) == ""
+        panel_views.format_duration(59.9) == "00:59"
+        and panel_views.format_duration(3723) == "1:02:03"
+    )
+    assert panel_views.format_local_time("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
+    assert panel_views.format_local_time("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
+    assert (
+        panel_views.format_local_time(None, 0.0) == ""
+        and panel_views.format_local_time("yesterday", 0.0) == ""
     )
 
 
@@ -230,7 +238,7 @@ def test_an_empty_frame_row_shows_dashes_not_numbers():
         gnss_age_s=None,
         gnss_hz=None,
     )
-    seen = view.make_run_view(frame, 0.0, METRIC)
+    seen = panel_views.make_run_view(frame, 0.0, METRIC)
     assert seen.rates.target.text == seen.rates.applied.text == seen.rates.error.text == "--"
     assert {tile.value.text for tile in seen.tiles} == {"--"}
     assert seen.heads.valid == "0 of 6 heads"

@@ -22,9 +22,9 @@ from topdress.console.app.pages.job.checklist import (
     list_checks,
     make_total_items,
 )
-from topdress.console.app.pages.job.nrich import StripRun, calc_standard_error
 from topdress.console.app.pages.job.refill import RefillWatch
 from topdress.console.app.pages.job.service import EarlierRun, JobOffer
+from topdress.console.app.pages.job.strip_measurement import StripRun, calc_standard_error
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Tally

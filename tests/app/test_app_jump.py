@@ -9,8 +9,8 @@ import pytest
 from textual.widgets import Button, Input
 from topdress.console.app import actions
 from topdress.console.app.dialogs import ChoiceDialog
-from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.jump import (
+from topdress.console.app.screens.help_screen import HelpScreen
+from topdress.console.app.screens.jump_letters import (
     JumpScreen,
     choose_label_letters,
     find_click_places,

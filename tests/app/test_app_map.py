@@ -21,10 +21,10 @@ from topdress.console.app.pages.map.map_pane import MapPane
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.services import Services
+from topdress.console.app.widgets.base_panel import Panel
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.map_legend import MapLegend
-from topdress.console.app.widgets.panel import Panel
 
 from tests.app.gallery import Picture, StillSource, settle, still_app
 from tests.app.harness import later, settled

@@ -14,7 +14,7 @@ from topdress.console.app.dialogs import ChoiceDialog, TextDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.job.service import JobOffer
 from topdress.console.app.screens.alarm_list import AlarmList
-from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
 from topdress.console.link import WorkerGone

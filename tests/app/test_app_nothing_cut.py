@@ -15,18 +15,24 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Button
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Dialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.page import NoticeRows
+from topdress.console.app.pages.base_page import NoticeRows
+from topdress.console.app.panel_views import (
+    AlarmsView,
+    RatesView,
+    ShownText,
+    StatusView,
+    make_alarms_view,
+)
 from topdress.console.app.units import IMPERIAL, METRIC, UNITS
-from topdress.console.app.view import AlarmsView, RatesView, ShownText, StatusView, make_alarms_view
-from topdress.console.app.widgets import panel
+from topdress.console.app.widgets import base_panel
 from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
+from topdress.console.app.widgets.base_panel import Panel
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import Panel
-from topdress.console.app.widgets.rates import RatesPanel
+from topdress.console.app.widgets.rate_panels import RatesPanel
 from topdress.console.app.widgets.status_line import StatusLine
 from topdress.console.locale import list_languages, use_language
 from topdress.control.orders import Alarm, Severity
@@ -64,12 +70,12 @@ def watched() -> Iterator[list[str]]:
             found.append(f"{text.strip()!r} in {width}")
         return before[1](canvas, width, *parts)
 
-    before = panel.set_cell_size, Canvas.make_text_strip
-    panel.set_cell_size, Canvas.make_text_strip = noted, drawn
+    before = base_panel.set_cell_size, Canvas.make_text_strip
+    base_panel.set_cell_size, Canvas.make_text_strip = noted, drawn
     try:
         yield found
     finally:
-        panel.set_cell_size, Canvas.make_text_strip = before
+        base_panel.set_cell_size, Canvas.make_text_strip = before
 
 
 def cut_on(app: TopdressApp) -> list[str]:
@@ -222,8 +228,11 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
 @pytest.mark.parametrize(("width", "height"), [(76, 8), (62, 7), (80, 7)])
 def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
     use_language(language)
-    for some in [*((one,) for one in words.NOTE_NAMES), *combinations(words.NOTE_NAMES, 2)]:
-        note = tuple(words.name_note(one) for one in some)
+    for some in [
+        *((one,) for one in frame_words.NOTE_NAMES),
+        *combinations(frame_words.NOTE_NAMES, 2),
+    ]:
+        note = tuple(frame_words.name_note(one) for one in some)
         view = RatesView(
             ShownText("1234"),
             ShownText("1234"),
@@ -236,7 +245,7 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
         )
         lines, cut = drawn_in(RatesPanel(view), view, width, height)
         assert cut == []
-        assert words.name_note(some[0]) in " ".join(lines), (
+        assert frame_words.name_note(some[0]) in " ".join(lines), (
             "the first reason always; the others are counted"
         )
 
@@ -245,8 +254,8 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
 @pytest.mark.parametrize("width", WIDTHS)
 def test_every_refusal_is_read_to_its_end(language, width):
     use_language(language)
-    for why in words.ANSWER_TEXTS:
-        text = f"refused: {words.describe_refusal(why)}"
+    for why in frame_words.ANSWER_TEXTS:
+        text = f"refused: {frame_words.describe_refusal(why)}"
         bar = NoticeRows("")
         rows, cut = drawn_in(bar, text, width, 6)
         assert cut == [] and len(rows) <= 6
@@ -259,14 +268,14 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
     use_language(language)
     bar = StatusLine(StatusView("", "", "", "", "", "", (), "", "", ""))
     for state, source, silent in product(
-        words.STATE_NAMES, words.SOURCE_NAMES, ("", "NO DATA 12 s")
+        frame_words.STATE_NAMES, frame_words.SOURCE_NAMES, ("", "NO DATA 12 s")
     ):
         view = StatusView(
             state,
-            words.STATE_SYMBOLS[state],
-            words.name_state(state),
-            words.name_strategy("balanced"),
-            words.name_source(source),
+            frame_words.STATE_SYMBOLS[state],
+            frame_words.name_state(state),
+            frame_words.name_strategy("balanced"),
+            frame_words.name_source(source),
             "",
             ("SIMULATED", "LOCKED"),
             silent,
@@ -275,7 +284,7 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
         )
         (text, *_), cut = drawn_in(bar, view, width, 1)
         assert cut == []
-        assert words.name_state(state) in text and "SIMULATED" in text and silent in text
+        assert frame_words.name_state(state) in text and "SIMULATED" in text and silent in text
 
 
 async def on_every_size(picture, change=None, units="metric"):

@@ -13,8 +13,8 @@ from topdress.console import app as console_app
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Confirm, NudgeDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.calibrate.catch import ShaftTurns
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
+from topdress.console.app.pages.calibrate.catch_test import ShaftTurns
 from topdress.console.app.pages.calibrate.page import CalibrateScreen
 from topdress.console.app.pages.job.refill import RefillWatch
 from topdress.console.app.services import Services

@@ -91,7 +91,7 @@ def test_no_question_has_a_letter_of_its_own():
     import pkgutil
 
     from textual.screen import Screen
-    from topdress.console.app.pages.page import Page
+    from topdress.console.app.pages.base_page import Page
 
     for module in pkgutil.walk_packages(console_app.__path__, "topdress.console.app."):
         importlib.import_module(module.name)
@@ -138,10 +138,10 @@ NO_KEY = (
 def catalogue():
     from pathlib import Path
 
-    from topdress.console.locale import po
+    from topdress.console.locale import po_reader
 
-    for path in sorted((Path(po.__file__).parent / "zh").glob("*.po")):
-        yield from po.read_po(path.read_text(encoding="utf-8"), path.name).items()
+    for path in sorted((Path(po_reader.__file__).parent / "zh").glob("*.po")):
+        yield from po_reader.read_po(path.read_text(encoding="utf-8"), path.name).items()
 
 
 def keys_named(text):

@@ -21,7 +21,7 @@ import pytest
 import textual
 from rich.cells import cell_len
 from topdress.console.app.app import PRELOADED_MODULES, WIDE_CHARACTER, TopdressApp
-from topdress.console.app.pages.all import SCREEN_CLASSES
+from topdress.console.app.pages.page_registry import SCREEN_CLASSES
 from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher

@@ -16,8 +16,8 @@ from topdress.console.app.replay_source import MAX_PLAY_SPEED, MIN_PLAY_SPEED, R
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.app.widgets.field_map import FieldMap
-from topdress.console.app.widgets.rates import RatesPanel
-from topdress.console.app.widgets.trend import Trend
+from topdress.console.app.widgets.rate_panels import RatesPanel
+from topdress.console.app.widgets.rate_trend import Trend
 from topdress.control.orders import Alarm, Answer, Do, Order, Severity
 
 from tests.app.gallery import StillClock, StillSource

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 from topdress.console.app.app import TopdressApp
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S, explain_rate
 from topdress.console.app.reasons import explain_not_ready
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
-from topdress.console.app.view import MAX_FRESH_AGE_S, explain_rate
 from topdress.console.app.widgets.alarm_bar import AlarmBar
+from topdress.console.app.widgets.base_panel import Panel
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import Panel
-from topdress.console.app.widgets.rates import RatesPanel
+from topdress.console.app.widgets.rate_panels import RatesPanel
 from topdress.console.link import WorkerGone
 from topdress.console.running import WorkerFailed
 from topdress.control.orders import Alarm, Do, Order, Severity

@@ -6,15 +6,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.attach_notice import JoinedMachine
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.pages.job.service import RunningLimits
+from topdress.console.app.panel_views import explain_rate
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import explain_rate
 from topdress.console.cli.screens import _join_running
 from topdress.console.link import WorkerGone
 from topdress.console.running import WorkerAddress
@@ -112,7 +112,7 @@ def test_while_nothing_is_owed_no_flow_is_too_little(frames, state):
 @pytest.mark.parametrize("name", sorted(REFUSALS))
 def test_no_refusal_shows_the_name_of_a_value(name):
     for why in (name, f"{name};alarm=console_silent", f"{name};state=held"):
-        assert "{" not in words.describe_refusal(why)
+        assert "{" not in frame_words.describe_refusal(why)
 
 
 async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.coverage_raster import CELL_KIND_COUNT, Spot, WorkedGround, make_spot
+from topdress.console.app.frame_words import SECTION_NAMES
 from topdress.console.app.pages.run.keys import list_allow_choices
 from topdress.console.app.pages.run.section_bar import list_section_choices, list_section_parts
-from topdress.console.app.words import SECTION_NAMES
 from topdress.console.frame import Frame, format_frame_json, parse_frame
 from topdress.console.locale import use_language
 from topdress.control.log_row import LogRow

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID, find_value, list_values
-from topdress.console.app.pages.trends.plots import round_axis_ends
+from topdress.console.app.pages.trends.channel_plots import round_axis_ends
 from topdress.console.app.series import (
     BUCKET_WIDTHS_S,
     BUCKETS_PER_LEVEL,

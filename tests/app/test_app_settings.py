@@ -11,7 +11,7 @@ from topdress.console.app import actions
 from topdress.console.app.action import ANYWHERE
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Choice
-from topdress.console.app.pages.all import SCREEN_CLASSES
+from topdress.console.app.pages.page_registry import SCREEN_CLASSES
 from topdress.console.app.pages.settings.page import SettingsList, ThemeDialog
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services

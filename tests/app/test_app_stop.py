@@ -28,8 +28,8 @@ from topdress.console.app.pages.job.service import MapReading
 from topdress.console.app.pages.settings import page as settings_page
 from topdress.console.app.pages.trends.page import ChannelDialog
 from topdress.console.app.screens.alarm_list import AlarmList
-from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.jump import JumpScreen
+from topdress.console.app.screens.help_screen import HelpScreen
+from topdress.console.app.screens.jump_letters import JumpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.settings import find_keymap_fault
 from topdress.console.app.tablet import KeyDialog, TabletApp, TabletKey

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.tour import STEP_READING_TIME_S, TOUR_STEPS, Tour
+from topdress.console.app.guided_tour import STEP_READING_TIME_S, TOUR_STEPS, Tour
 from topdress.console.app.widgets.status_line import TourBar
 
 SIZE = (120, 40)

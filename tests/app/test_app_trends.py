@@ -10,8 +10,8 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.braille import PlotPiece, trace_cells
 from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.pages.trends.channel_plots import Plots
 from topdress.console.app.pages.trends.page import ChannelDialog
-from topdress.console.app.pages.trends.plots import Plots
 from topdress.console.app.replay_source import ReplaySource
 
 from tests.app.gallery import Picture, StillClock, StillSource, settle, still_app

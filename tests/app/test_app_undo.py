@@ -12,7 +12,7 @@ import pytest
 from topdress.console import app as console_app
 from topdress.console.app.dialogs import Confirm
 from topdress.console.app.pages.job.page import JobScreen
-from topdress.console.app.undo import (
+from topdress.console.app.undo_stack import (
     WHY_NOT_UNDOABLE,
     describe_undo,
     find_ordered_source,
@@ -20,7 +20,7 @@ from topdress.console.app.undo import (
 )
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
-from topdress.console.worker.parts import FRAME_FIELDS
+from topdress.console.worker.run_parts import FRAME_FIELDS
 from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, TargetSource

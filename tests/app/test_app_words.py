@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from topdress.console import app as console_app
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.pages.job.checklist import translate_crop_note
 from topdress.console.locale import (
     N_,
@@ -22,7 +22,7 @@ from topdress.console.locale import (
     read_catalogue,
     use_language,
 )
-from topdress.console.locale.po import read_po
+from topdress.console.locale.po_reader import read_po
 from topdress.control.machine.form import FORMS
 from topdress.control.orders import Alarm, Severity, State, Strategy, TargetSource
 from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS
@@ -99,7 +99,7 @@ def refused() -> dict[str, str]:
 
 
 def all_texts() -> dict[str, str]:
-    texts = marked() | refused() | dict.fromkeys(words.STRATEGY_NAMES.values(), "words.py")
+    texts = marked() | refused() | dict.fromkeys(frame_words.STRATEGY_NAMES.values(), "words.py")
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
     for form in FORMS.values():
@@ -153,11 +153,15 @@ def test_the_refusals_of_a_prescription_are_found():
 
 
 def test_every_word_of_the_shared_vocabulary_is_known():
-    assert set(words.STATE_NAMES) == set(words.STATE_SYMBOLS) == {state.value for state in State}
-    assert set(words.STRATEGY_NAMES) == {strategy.value for strategy in Strategy}
-    assert set(words.SOURCE_NAMES) == {source.value for source in TargetSource}
-    assert set(INTERLOCKS) <= set(words.NOTE_NAMES)
-    assert set(REFUSALS) <= set(words.ANSWER_TEXTS)
+    assert (
+        set(frame_words.STATE_NAMES)
+        == set(frame_words.STATE_SYMBOLS)
+        == {state.value for state in State}
+    )
+    assert set(frame_words.STRATEGY_NAMES) == {strategy.value for strategy in Strategy}
+    assert set(frame_words.SOURCE_NAMES) == {source.value for source in TargetSource}
+    assert set(INTERLOCKS) <= set(frame_words.NOTE_NAMES)
+    assert set(REFUSALS) <= set(frame_words.ANSWER_TEXTS)
 
 
 LATIN_ALLOWED = re.compile(
@@ -202,7 +206,11 @@ async def test_no_text_holds_a_character_of_ambiguous_width(shown, screen):
 
 
 def test_no_symbol_or_text_of_the_tables_is_of_ambiguous_width():
-    texts = [*words.STATE_SYMBOLS.values(), *words.SEVERITY_SYMBOLS.values(), *all_texts()]
+    texts = [
+        *frame_words.STATE_SYMBOLS.values(),
+        *frame_words.SEVERITY_SYMBOLS.values(),
+        *all_texts(),
+    ]
     assert {c for text in texts for c in text if unicodedata.east_asian_width(c) == "A"} == set()
 
 
@@ -243,16 +251,16 @@ def test_a_po_line_that_cannot_be_read_is_named(line):
 
 
 def test_a_refusal_names_the_alarm_in_words():
-    assert words.describe_refusal("acknowledge_first;alarm=shaft_silent") == (
+    assert frame_words.describe_refusal("acknowledge_first;alarm=shaft_silent") == (
         "Acknowledge the alarm The metering shaft does not answer first."
     )
-    assert words.describe_refusal("") == "not accepted"
-    assert words.describe_refusal("internal_error: x") == "internal_error: x"
+    assert frame_words.describe_refusal("") == "not accepted"
+    assert frame_words.describe_refusal("internal_error: x") == "internal_error: x"
 
 
 def test_a_missing_detail_leaves_its_braces():
     assert (
-        words.describe_alarm(Alarm("hopper_empty", Severity.RED, 0.0)).text
+        frame_words.describe_alarm(Alarm("hopper_empty", Severity.RED, 0.0)).text
         == "The hopper is empty (-- kg)."
     )
 

@@ -7,9 +7,9 @@ from math import cos, radians
 
 import pytest
 from topdress.console.app.held_key import MAX_FIRST_REPEAT_S, MAX_REPEAT_GAP_S, HeldKey
-from topdress.console.app.pages.calibrate.catch import MIN_CATCH_REVOLUTIONS, CatchRun
+from topdress.console.app.pages.calibrate.catch_test import MIN_CATCH_REVOLUTIONS, CatchRun
 from topdress.console.app.pages.calibrate.heads_calibration import CHECK_DURATION_S, HeadsCheck
-from topdress.console.app.pages.calibrate.wheel import MIN_DRIVE_M, WheelRun, WheelSample
+from topdress.console.app.pages.calibrate.wheel_drive import MIN_DRIVE_M, WheelRun, WheelSample
 
 
 def test_one_press_turns_nothing_and_a_held_key_runs_until_it_is_let_go():

@@ -9,7 +9,7 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.attach_notice import JoinedMachine
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.ordered_words import ORDER_NAMES
-from topdress.console.app.pages.all import SCREEN_CLASSES
+from topdress.console.app.pages.page_registry import SCREEN_CLASSES
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.services import Services
 from topdress.console.attached import AttachedConsole, ExecutedOrder

@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 from shapely import Point, Polygon
 from topdress.console.frame import Frame
-from topdress.console.worker.parts import FRAME_FIELDS
-from topdress.console.worker.wire import format_frame
+from topdress.console.worker.run_parts import FRAME_FIELDS
+from topdress.console.worker.wire_format import format_frame
 from topdress.control.field.job import Job, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import ALL_COLUMNS, COLUMNS

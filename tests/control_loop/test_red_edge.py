@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from topdress.console.app.pages.job.nrich import StripRun
+from topdress.console.app.pages.job.strip_measurement import StripRun
 from topdress.console.services.rerun import rerun_loop
 from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from topdress.console.app.pages.diagnosis import shown
+from topdress.console.app.pages.diagnosis import panel_views
 from topdress.console.app.pages.diagnosis.adoption import find_offer, list_decided_ids
+from topdress.console.app.pages.diagnosis.diagnosis_words import find_adopted_title
 from topdress.console.app.pages.diagnosis.service import DiagnosisView
-from topdress.console.app.pages.diagnosis.words import find_adopted_title
 from topdress.console.cli.diagnose import adopt_findings
 from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_order
 from topdress.control.diagnosis.extend import extend, find_cause_refusal
@@ -194,7 +194,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     new = load_config(str(tmp_path / offer.file), MACHINE_KIND).model
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)
     assert "shaft as a whole: Shaft" in find_adopted_title(found, found.adoptable[0])
-    assert "as a whole" in " ".join(shown.make_channels_view(found).gains)
+    assert "as a whole" in " ".join(panel_views.make_channels_view(found).gains)
 
 
 def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:

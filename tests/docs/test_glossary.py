@@ -9,7 +9,7 @@ import tokenize
 from pathlib import Path
 
 import pytest
-from topdress.console.locale.po import read_po
+from topdress.console.locale.po_reader import read_po
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = ROOT / "docs" / "glossary.md"

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from topdress.console.app.frame_words import describe_alarm
 from topdress.console.app.pages.job.checklist import LOOK, STOP, list_checks
 from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.units import METRIC
-from topdress.console.app.words import describe_alarm
 from topdress.console.locale import use_language
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher

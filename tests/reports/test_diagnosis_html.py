@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.app.pages.diagnosis import shown
+from topdress.console.app.pages.diagnosis import panel_views
 from topdress.console.app.units import METRIC
 from topdress.console.locale import ENGLISH_CODE, use_language
 from topdress.console.reports import html
@@ -477,9 +477,9 @@ def spoken(found: Diagnosis) -> dict[str, str]:
     text = make_diagnosis_page(found, {"machine": Machine()})
     on_page = make_diagnosis_view(found, {"machine": Machine()}, "run.csv", None)
     said, causes, channels = (
-        shown.make_verdict(on_page, ""),
-        shown.make_causes_view(on_page, 0, METRIC),
-        shown.make_channels_view(on_page),
+        panel_views.make_verdict(on_page, ""),
+        panel_views.make_causes_view(on_page, 0, METRIC),
+        panel_views.make_channels_view(on_page),
     )
     lines = [
         said.word,
@@ -637,9 +637,9 @@ def test_what_was_not_judged_comes_before_all_else(
     missing = "gate" if kind == "missing" else "shaft, gate, flow, scale, speed, heads"
     assert lines[1:3] == [f"not judged: {missing}", f"note: {LEFT_OUT}"]
     on_page = make_diagnosis_view(found, {"machine": Machine()}, "run.csv", None)
-    assert shown.make_channels_view(on_page).left[0] == LEFT_OUT
+    assert panel_views.make_channels_view(on_page).left[0] == LEFT_OUT
     if kind == "missing":
-        assert shown.make_verdict(on_page, "").sentence.startswith("Not judged: gate. ")
+        assert panel_views.make_verdict(on_page, "").sentence.startswith("Not judged: gate. ")
         assert format_verdict_line(found).startswith("Not judged: gate. ")
 
 
@@ -658,7 +658,7 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(
     found = found_of(weak, strong, verdict="ambiguous", channels=CHANNELS)
     titles = [CATALOGUE[one.id].effect.title for one in (strong, weak)]
     on_page = found_of_page(found)
-    for head in (format_verdict_line(found), shown.make_verdict(on_page, "").sentence):
+    for head in (format_verdict_line(found), panel_views.make_verdict(on_page, "").sentence):
         assert titles[0].lower() in head.lower() and titles[1].lower() not in head.lower()
         assert "suspected" in head
     for said in spoken(found).values():
@@ -667,7 +667,7 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(
             r"suspected: (gate.offset: )?" + re.escape(titles[1].lower()), said.lower()
         )
     alone = found_of_page(replace(found, causes=(weak,)))
-    assert CATALOGUE[weak.id].effect.advice != shown.make_verdict(alone, "").todo
+    assert CATALOGUE[weak.id].effect.advice != panel_views.make_verdict(alone, "").todo
 
 
 def found_of_page(found: Diagnosis, mean_target_kg_ha: float | None = None) -> Any:
@@ -697,4 +697,4 @@ def test_what_a_cause_costs_is_its_share_of_the_logs_own_rate(
     said: str,
 ) -> None:
     view = found_of_page(found_of(cause_of("flow.fill_falloff")), mean_kg_ha)
-    assert shown.make_causes_view(view, 0, METRIC).causes[0].cost.startswith(said)
+    assert panel_views.make_causes_view(view, 0, METRIC).causes[0].cost.startswith(said)

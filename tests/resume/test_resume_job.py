@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from topdress.console.worker import resume
 from topdress.console.worker.assemble import assemble_run
-from topdress.console.worker.host import Host
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options, parse_options
 from topdress.console.worker.requests import ClientQuestion
 from topdress.console.worker.resume import Snapshot

@@ -39,7 +39,7 @@ from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
 from topdress.console.serve import server as server_module  # noqa: E402
-from topdress.console.serve import tab as tab_module  # noqa: E402
+from topdress.console.serve import tab_console as tab_module  # noqa: E402
 from topdress.console.serve.server import (  # noqa: E402
     MAX_MESSAGE_BYTES,
     MAX_TAB_COLUMNS,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from topdress.console.app.pages.calibrate.catch import CatchPoint
-from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.app.pages.calibrate.catch_test import CatchPoint
+from topdress.console.app.pages.calibrate.wheel_drive import WheelSample
 from topdress.console.services.calibrate import make_calibrate_service
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load_config

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerAddress, start_worker
-from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, RunNames
+from topdress.console.worker.loop_host import Host
+from topdress.console.worker.run_parts import Assembly, RunNames
 
 FAKE = Path(__file__).with_name("fake_worker.py")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from topdress.console.running import WorkerFailed, start_worker
 from topdress.console.worker.assemble import assemble_run
-from topdress.console.worker.host import Host
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.read_log import read_log
@@ -87,7 +87,7 @@ def test_what_a_running_worker_has_loaded(tmp_path):
 import sys
 from pathlib import Path
 from topdress.console.worker.assemble import assemble_run
-from topdress.console.worker.host import Host
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options
 import topdress.console.worker.__main__
 now = [0.0]

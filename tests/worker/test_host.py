@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from topdress.console.frame import DeviceDo
 from topdress.console.worker import limits
-from topdress.console.worker.host import FlickerFilter
+from topdress.console.worker.loop_host import FlickerFilter
 from topdress.console.worker.requests import ClientQuestion, DeviceOrder
 from topdress.control.orders import Answer, Do, Order, SectionState
 from topdress.control.safety import Allowances

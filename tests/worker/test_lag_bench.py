@@ -8,9 +8,9 @@ import statistics
 
 import pytest
 from topdress.console.cli.lag_rig import LagOperator
-from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, RunNames
+from topdress.console.worker.loop_host import Host
 from topdress.console.worker.requests import ClientQuestion
+from topdress.console.worker.run_parts import Assembly, RunNames
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated

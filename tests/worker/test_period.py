@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from topdress.console.worker.host import DURATION_BINS, DurationHistogram, TickPunctuality
+from topdress.console.worker.loop_host import DURATION_BINS, DurationHistogram, TickPunctuality
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.999])

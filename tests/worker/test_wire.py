@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, parse_frame
-from topdress.console.worker import run_file, wire
+from topdress.console.worker import run_file, wire_format
 from topdress.console.worker.limits import MOVING_FRAME_PERIOD_S, STANDING_FRAME_PERIOD_S
 from topdress.console.worker.link_server import FrameSchedule
 from topdress.control.agronomy.strips import Strips
@@ -75,28 +75,28 @@ def test_a_frame_comes_back_as_it_was():
         head_ndvi=(0.5, None, 0.6),
         bench=BenchRun(50.0, 25.0, 3.2, 116.8),
     )
-    assert parse_frame(json.loads(wire.format_frame(frame))) == frame
+    assert parse_frame(json.loads(wire_format.format_frame(frame))) == frame
 
 
 def test_an_older_workers_frame_lacks_nothing_that_the_console_needs():
-    message = json.loads(wire.format_frame(Frame(3, 1.5, LogRow(1.5))))
+    message = json.loads(wire_format.format_frame(Frame(3, 1.5, LogRow(1.5))))
     older = {name: message[name] for name in ("seq", "at_s", "row")} | {"of_tomorrow": 1}
     assert parse_frame(older) == Frame(3, 1.5, LogRow(1.5))
 
 
 def test_one_value_that_is_not_finite_does_not_blind_the_console():
     frame = Frame(3, 1.5, LogRow(1.5, shaft_rpm=float("nan"), hopper_kg=float("inf"), ndvi=0.5))
-    row = parse_frame(json.loads(wire.format_frame(frame))).row
+    row = parse_frame(json.loads(wire_format.format_frame(frame))).row
     assert row == LogRow(1.5, shaft_rpm=None, hopper_kg=None, ndvi=0.5)
     with pytest.raises(ValueError):
-        wire.format_frame(Frame(3, float("nan"), LogRow(1.5)))
+        wire_format.format_frame(Frame(3, float("nan"), LogRow(1.5)))
 
 
 def test_every_message_is_one_line():
     for line in (
-        wire.format_greeting(7),
-        wire.format_answer(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
-        wire.format_frame(Frame(1, 0.0, LogRow(0.0, events="mark a\nb"))),
+        wire_format.format_greeting(7),
+        wire_format.format_answer(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
+        wire_format.format_frame(Frame(1, 0.0, LogRow(0.0, events="mark a\nb"))),
     ):
         assert line.endswith(b"\n") and line.count(b"\n") == 1
 
@@ -111,14 +111,14 @@ def test_what_a_newer_worker_adds_anywhere_is_passed_over():
         totals=None,
         strips=Strips(0.6),
     )
-    newer = json.loads(wire.format_frame(frame))
+    newer = json.loads(wire_format.format_frame(frame))
     for place in (newer, newer["row"], newer["alarms"][1], newer["devices"][0], newer["strips"]):
         place["of_tomorrow"] = {"a": 1}
     assert parse_frame(newer) == frame
 
 
 def test_a_frame_that_is_none_is_one_line():
-    broken = json.loads(wire.format_frame(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
+    broken = json.loads(wire_format.format_frame(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
     with pytest.raises(ValueError, match=r"^area_ha: [^\n]*$"):
         parse_frame(broken)
 

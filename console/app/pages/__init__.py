@@ -3,14 +3,14 @@ its styles.
 
 Files:
 
-- `all`: Maps the name of a page to the page; a page is imported and built on first use
+- `base_page`: Defines the parts that every screen has
 - `calibrate`: The Calibrate page guides through five calibrations of the machine
 - `devices`: The Devices page shows every device, its last lines and its state
 - `diagnosis`: The Diagnosis page finds faults of the machine in its logs and adopts corrections
 - `job`: The Job page shows the checks before work, the job's files, totals, strips and refills
 - `log_page`: Shows the machine at work, or a log in its place; Run
 - `map`: The Map page shows the field with applied rates, plan, overlaid files and the machine
-- `page`: Defines the parts that every screen has
+- `page_registry`: Maps the name of a page to the page; a page is imported and built on first use
 - `panel_page`: Defines the panels that Run and Replay share
 - `replay`: The Replay page plays a log, as recorded or recomputed with another strategy
 - `run`: The Run page shows the machine at work and sends orders to it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.camera import MapCamera, unite_boxes
 from topdress.console.app.coverage_raster import Box, WorkedGround
 from topdress.console.app.field_picture import FieldPicture
@@ -10,10 +10,10 @@ from topdress.console.app.history import TREND_SPAN_S, LogHistory, TrendPoint, s
 from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
 from topdress.console.app.map_ink import MapView
 from topdress.console.app.overlay_file import OverlayFile, OverlayView
-from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S, RunView, make_alarms_view
 from topdress.console.app.series import TrendSeries
-from topdress.console.app.view import MAX_FRESH_AGE_S, RunView, make_alarms_view
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
@@ -83,7 +83,7 @@ class LogPage(Page):
         if live is None or not other:
             return super().list_status_marks()
         return (
-            f"{_('MACHINE')}: {words.name_state(live.row.state, live.why_state)}",
+            f"{_('MACHINE')}: {frame_words.name_state(live.row.state, live.why_state)}",
             *super().list_status_marks(),
         )
 

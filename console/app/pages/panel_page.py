@@ -10,19 +10,25 @@ from topdress.console.app.camera import MapCamera, fit_box
 from topdress.console.app.history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
-from topdress.console.app.view import (
+from topdress.console.app.panel_views import (
     MAX_FRESH_AGE_S,
     RunView,
     format_duration,
     format_local_time,
     make_run_view,
 )
+from topdress.console.app.widgets.base_panel import Panel, make_line
 from topdress.console.app.widgets.field_map import FieldMap
-from topdress.console.app.widgets.items import Items
+from topdress.console.app.widgets.labelled_values import Items
 from topdress.console.app.widgets.map_legend import LegendView, MapLegend
-from topdress.console.app.widgets.panel import Panel, make_line
-from topdress.console.app.widgets.rates import RatesPanel
-from topdress.console.app.widgets.tiles import (
+from topdress.console.app.widgets.rate_panels import RatesPanel
+from topdress.console.app.widgets.rate_trend import (
+    CursorReading,
+    Trend,
+    TrendView,
+    count_plot_columns,
+)
+from topdress.console.app.widgets.value_tiles import (
     GRAPH_CHANNELS,
     GraphsView,
     HeadsPanel,
@@ -30,7 +36,6 @@ from topdress.console.app.widgets.tiles import (
     TilesPanel,
     make_graph,
 )
-from topdress.console.app.widgets.trend import CursorReading, Trend, TrendView, count_plot_columns
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 

@@ -11,7 +11,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 from topdress.console.app.alarms import AlarmEntry
-from topdress.console.app.widgets.panel import TextPart
+from topdress.console.app.widgets.base_panel import TextPart
 from topdress.console.locale import _
 from topdress.control.orders import Severity
 

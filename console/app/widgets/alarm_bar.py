@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-from topdress.console.app.view import AlarmLine, AlarmsView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import AlarmLine, AlarmsView
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     choose_longest_fit,

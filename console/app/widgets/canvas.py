@@ -9,7 +9,7 @@ from typing import TypeVar
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.widgets.panel import DrawnWidget
+from topdress.console.app.widgets.base_panel import DrawnWidget
 
 View = TypeVar("View")
 

@@ -15,7 +15,7 @@ from textual.geometry import Size
 from textual.message import Message
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.map_ink import draw_small_map
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     PickList,
     align_text_right,
     fit_text_width,

@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line
+from topdress.console.app.widgets.base_panel import Panel, fit_text_width, make_line
 from topdress.console.locale import _
 
 

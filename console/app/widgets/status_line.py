@@ -9,8 +9,8 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from topdress.console.app.action import Action
-from topdress.console.app.view import StatusView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import StatusView
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     find_at_cell,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.catch_test import CatchPoint
 from topdress.console.app.pages.calibrate.service import (
     Calibrated,
     CalibrateService,
@@ -14,7 +14,7 @@ from topdress.console.app.pages.calibrate.service import (
     Estimate,
     LagTable,
 )
-from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.app.pages.calibrate.wheel_drive import WheelSample
 from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView
 
 GRAMS = 5.5

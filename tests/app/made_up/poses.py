@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from topdress.console.app.pages.calibrate.catch import ShaftTurns
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
+from topdress.console.app.pages.calibrate.catch_test import ShaftTurns
 from topdress.console.app.pages.calibrate.heads_calibration import (
     CHECK_DURATION_S,
     HeadsCalibration,
 )
 from topdress.console.app.pages.calibrate.page import CalibrateScreen
-from topdress.console.app.pages.calibrate.wheel import WheelDrive
 from topdress.console.app.pages.calibrate.wheel_calibration import WheelCalibration
+from topdress.console.app.pages.calibrate.wheel_drive import WheelDrive
 from topdress.console.app.pages.devices.page import DevicesScreen
 from topdress.control.safety import BenchRun
 

@@ -6,12 +6,12 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from topdress.console.app import words
-from topdress.console.app.pages.calibrate.curve import CurveView
-from topdress.console.app.pages.calibrate.guide import GuideStep, GuideView
+from topdress.console.app import frame_words
+from topdress.console.app.pages.calibrate.curve_plot import CurveView
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep, GuideView
 from topdress.console.app.pages.calibrate.progress_rows import ProgressRow
 from topdress.console.app.pages.calibrate.service import Calibrated, Estimate
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.frame import Frame
 from topdress.console.locale import N_, _
 from topdress.control.orders import Order
@@ -195,7 +195,7 @@ class HeldRun(Calibration):
         # An interlock can stop the shaft although the key is held.
         if seen.is_calibrating and frame.why_no_flow:
             return _("The shaft may not turn: {why}.").format(
-                why=", ".join(words.name_note(note) for note in frame.why_no_flow)
+                why=", ".join(frame_words.name_note(note) for note in frame.why_no_flow)
             )
         # The alarm above explains the fault itself.
         if seen.state == "fault":

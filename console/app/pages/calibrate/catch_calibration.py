@@ -14,24 +14,24 @@ from topdress.console.app.pages.calibrate.calibration import (
     KeyAction,
     make_curve,
 )
-from topdress.console.app.pages.calibrate.catch import (
+from topdress.console.app.pages.calibrate.catch_test import (
     ADVISED_CATCH_S,
     MAX_MODEL_RATIO,
     MIN_CATCHES,
     SETTLING_TIME_S,
     CatchRun,
 )
-from topdress.console.app.pages.calibrate.curve import CurveView
-from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.curve_plot import CurveView
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import (
     BarRow,
     CellsRow,
     LineRow,
     ProgressRow,
 )
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.view import MAX_FRESH_AGE_S
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.locale import N_, _
 from topdress.control.orders import Do, Order
 

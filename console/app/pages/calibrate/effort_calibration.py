@@ -8,9 +8,9 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import LineRow, ProgressRow
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:

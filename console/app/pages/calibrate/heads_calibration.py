@@ -10,7 +10,7 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import (
     BarRow,
     LineRow,
@@ -18,7 +18,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
     ProgressRow,
     RowLevel,
 )
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
-from topdress.console.app.pages.calibrate.curve import CurveView
-from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.curve_plot import CurveView
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import (
     BarRow,
     CellsRow,
@@ -19,7 +19,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
     ProgressRow,
 )
 from topdress.console.app.pages.calibrate.service import LagTable
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.frame import LagTestView
 from topdress.console.locale import N_, _
 

@@ -15,25 +15,25 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.action import CALIBRATE, make_bindings
 from topdress.console.app.held_key import HeldKey
 from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
-from topdress.console.app.pages.calibrate.curve import CurvePlot, CurveView
+from topdress.console.app.pages.calibrate.curve_plot import CurvePlot, CurveView
 from topdress.console.app.pages.calibrate.effort_calibration import EffortCalibration
-from topdress.console.app.pages.calibrate.guide import GuidePanel, GuideView
+from topdress.console.app.pages.calibrate.guide_panel import GuidePanel, GuideView
 from topdress.console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from topdress.console.app.pages.calibrate.keys import ACTIONS
 from topdress.console.app.pages.calibrate.lag_calibration import LagCalibration
 from topdress.console.app.pages.calibrate.progress_rows import ProgressRows
 from topdress.console.app.pages.calibrate.service import CalibrateService
 from topdress.console.app.pages.calibrate.wheel_calibration import WheelCalibration
-from topdress.console.app.pages.page import Page
-from topdress.console.app.view import RunView
-from topdress.console.app.widgets.chips import Chips
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import RunView
+from topdress.console.app.widgets.action_chips import Chips
+from topdress.console.app.widgets.base_panel import (
     Panel,
     Picked,
     TextPart,
@@ -135,7 +135,7 @@ class HeldRunner:
             return True
         if self._running:
             self._running = False
-            self.standstill_reason = words.describe_refusal(answer.why)
+            self.standstill_reason = frame_words.describe_refusal(answer.why)
             self.held.block_repeats(now_s)
             self._start(self._end_run())
         return False

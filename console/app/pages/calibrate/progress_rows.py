@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     align_text_right,

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from topdress.console.app.pages.calibrate.catch import CatchPoint
-from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.app.pages.calibrate.catch_test import CatchPoint
+from topdress.console.app.pages.calibrate.wheel_drive import WheelSample
 
 EstimateName = Literal[
     "grams_per_rev_mm",

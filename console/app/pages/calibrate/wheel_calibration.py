@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from topdress.console.app.pages.calibrate.catch import MIN_TURNING_RPM
-from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.catch_test import MIN_TURNING_RPM
+from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import BarRow, LineRow, ProgressRow
-from topdress.console.app.pages.calibrate.wheel import MIN_DRIVE_M, WheelRun, WheelSample
-from topdress.console.app.view import MAX_FRESH_AGE_S
-from topdress.console.app.widgets.chips import Chip
+from topdress.console.app.pages.calibrate.wheel_drive import MIN_DRIVE_M, WheelRun, WheelSample
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S
+from topdress.console.app.widgets.action_chips import Chip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class WheelCalibration(Calibration):
             rows.append(LineRow(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
         # Only an RTK fix makes 100 m accurate to a few centimetres.
         fix = seen.frame.row.fix_quality if seen.frame else None
-        rows.append(LineRow(_("fix"), words.name_fix(fix), "" if fix in (4, 5) else "amber"))
+        rows.append(LineRow(_("fix"), frame_words.name_fix(fix), "" if fix in (4, 5) else "amber"))
         if self.page.service is not None:
             rows.append(
                 LineRow(_("machine file"), f"{self.page.service.wheel_circumference_m:.4f} m")

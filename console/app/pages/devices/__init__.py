@@ -5,6 +5,6 @@ Files:
 - `device_table`: Shows one row per device
 - `device_view`: Words a frame's devices for the Devices screen
 - `keys`: Defines the keys of the Devices page; all act on the picked device
+- `labelled_rows`: Draws an optional heading and rows of label and text
 - `page`: Shows the Devices screen
-- `rows`: Draws an optional heading and rows of label and text
 """

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from topdress.console.app.pages.devices.device_table import ShownDevice
-from topdress.console.app.pages.devices.rows import DeviceRow, RowsView
-from topdress.console.app.view import MAX_FRESH_AGE_S, format_duration
+from topdress.console.app.pages.devices.labelled_rows import DeviceRow, RowsView
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S, format_duration
 from topdress.console.frame import DeviceView
 from topdress.console.locale import N_, _
 from topdress.control.readings import EffortFinding

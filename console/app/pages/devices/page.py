@@ -8,6 +8,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from topdress.console.app.action import DEVICES, Action, make_bindings
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.devices.device_table import DeviceTable, TableView
 from topdress.console.app.pages.devices.device_view import (
     make_detail_rows,
@@ -16,11 +17,10 @@ from topdress.console.app.pages.devices.device_view import (
     make_raw_rows,
 )
 from topdress.console.app.pages.devices.keys import ACTIONS
-from topdress.console.app.pages.devices.rows import LabelledRows, RowsView
-from topdress.console.app.pages.page import Page
-from topdress.console.app.view import RunView
-from topdress.console.app.widgets.chips import Chip, Chips
-from topdress.console.app.widgets.panel import Picked
+from topdress.console.app.pages.devices.labelled_rows import LabelledRows, RowsView
+from topdress.console.app.panel_views import RunView
+from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.base_panel import Picked
 from topdress.console.frame import DeviceDo, DeviceView, Frame
 from topdress.console.locale import _
 from topdress.control.readings import NO_EFFORT_FINDING

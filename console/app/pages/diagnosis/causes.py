@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import PickList, fit_text_width, make_line, wrap_text
+from topdress.console.app.widgets.base_panel import PickList, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 

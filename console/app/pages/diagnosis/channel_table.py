@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     Panel,
     align_text_right,
     fit_text_width,

@@ -231,7 +231,7 @@ def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[s
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     """Show what the new machine file would contain, and write it after a yes."""
-    from topdress.console.app.pages.diagnosis import words
+    from topdress.console.app.pages.diagnosis import diagnosis_words
     from topdress.console.app.pages.diagnosis.adoption import find_offer, list_undecided
     from topdress.console.reports.diagnosis_wording import find_cause_title
 
@@ -240,7 +240,7 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
     left = [find_cause_title(one) for one in list_undecided(found) if one.id not in chosen.ids]
     lines = [
         _("Adopted: {what}").format(
-            what=", ".join(words.find_adopted_title(found, one) for one in chosen.ids)
+            what=", ".join(diagnosis_words.find_adopted_title(found, one) for one in chosen.ids)
         )
     ]
     lines += (

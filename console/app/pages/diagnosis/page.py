@@ -16,9 +16,11 @@ from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 from topdress.console.app.action import DIAGNOSIS, Action, make_bindings
 from topdress.console.app.dialogs import TextDialog
-from topdress.console.app.pages.diagnosis import shown, words
+from topdress.console.app.pages.base_page import Page
+from topdress.console.app.pages.diagnosis import diagnosis_words, panel_views
 from topdress.console.app.pages.diagnosis.causes import CauseList, CausesView
 from topdress.console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
+from topdress.console.app.pages.diagnosis.diagnosis_words import KIND_NAMES
 from topdress.console.app.pages.diagnosis.keys import ACTIONS, diagnose_chosen
 from topdress.console.app.pages.diagnosis.residual_plot import ResidualPlot
 from topdress.console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
@@ -34,11 +36,9 @@ from topdress.console.app.pages.diagnosis.service import (
     WorkStopped,
 )
 from topdress.console.app.pages.diagnosis.verdict import VerdictPanel
-from topdress.console.app.pages.diagnosis.words import KIND_NAMES
-from topdress.console.app.pages.page import Page
-from topdress.console.app.view import RunView, format_duration
-from topdress.console.app.widgets.chips import Chip, Chips
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import RunView, format_duration
+from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.base_panel import (
     Panel,
     Picked,
     PickList,
@@ -337,7 +337,7 @@ class DiagnosisScreen(Page):
             work.show_view(
                 WorkView(
                     self._title,
-                    _(words.STAGE_NAMES.get(self._stage, self._stage)),
+                    _(diagnosis_words.STAGE_NAMES.get(self._stage, self._stage)),
                     int(100 * share),
                     None if left_s is None else max(1, round(left_s)),
                 )
@@ -354,7 +354,7 @@ class DiagnosisScreen(Page):
         if found is not None:
             self.query_one("#dia-verdict", VerdictPanel).show_view(
                 tuple(
-                    shown.make_verdict(
+                    panel_views.make_verdict(
                         one,
                         ""
                         if len(self.found) == 1
@@ -366,20 +366,22 @@ class DiagnosisScreen(Page):
                 )
             )
             self.query_one("#dia-causes", CauseList).show_view(
-                shown.make_causes_view(found, self.cause, self.app.units)
+                panel_views.make_causes_view(found, self.cause, self.app.units)
             )
-            self.query_one("#dia-channels", ChannelTable).show_view(shown.make_channels_view(found))
-            self.query_one("#dia-run", RunPlanPanel).show_view(shown.make_plan_view(found))
+            self.query_one("#dia-channels", ChannelTable).show_view(
+                panel_views.make_channels_view(found)
+            )
+            self.query_one("#dia-run", RunPlanPanel).show_view(panel_views.make_plan_view(found))
 
     def show_due(self, now_s: float) -> None:
         super().show_due(now_s)
         found = self.shown
         if found is not None and self.plots.is_due(now_s):
             self.query_one("#dia-over", ResidualPlot).show_view(
-                shown.make_variable_plot(found, self.cause)
+                panel_views.make_variable_plot(found, self.cause)
             )
             self.query_one("#dia-time", ResidualPlot).show_view(
-                shown.make_time_plot(found, self.cause)
+                panel_views.make_time_plot(found, self.cause)
             )
 
     def list_views(self) -> tuple[ViewName, ...]:
@@ -605,7 +607,7 @@ class DiagnosisScreen(Page):
             self.app.push_screen(
                 TextDialog(
                     _("Before and after, on a log that it was not made from"),
-                    "\n".join([*words.list_compared_lines(worker.result), *where]),
+                    "\n".join([*diagnosis_words.list_compared_lines(worker.result), *where]),
                 )
             )
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):

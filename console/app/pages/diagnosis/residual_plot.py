@@ -16,8 +16,8 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 from topdress.console.app.pages.diagnosis.service import ResidualCurve
+from topdress.console.app.widgets.base_panel import align_text_right, fit_text_width
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Bits of the dots of a braille cell, by row and column.

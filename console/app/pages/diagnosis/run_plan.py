@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit_text_width, make_line, wrap_text
+from topdress.console.app.widgets.base_panel import Panel, fit_text_width, make_line, wrap_text
 from topdress.console.locale import _
 
 

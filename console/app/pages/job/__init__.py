@@ -7,8 +7,8 @@ Files:
 - `keys`: Defines the keys of the Job page and their functions
 - `map_dialog`: Shows a prescription map before the job uses it
 - `map_words`: Words the check of a job's map before work
-- `nrich`: Measures an N-rich strip or a farmer check between two key presses
 - `page`: Shows the Job screen: checks before work, the job's files, N-rich strip, refills, totals
 - `refill`: Recognises a refill by the scale
 - `service`: Declares the files and functions that the command line supplies to the Job screen
+- `strip_measurement`: Measures an N-rich strip or a farmer check between two key presses
 """

@@ -17,7 +17,13 @@ from topdress.console.app.pages.job.checklist import (
     JobCheck,
     find_worst_level,
 )
-from topdress.console.app.widgets.panel import Panel, TextPart, fit_text_width, make_line, wrap_text
+from topdress.console.app.widgets.base_panel import (
+    Panel,
+    TextPart,
+    fit_text_width,
+    make_line,
+    wrap_text,
+)
 from topdress.console.locale import _
 
 

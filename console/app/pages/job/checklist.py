@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.pages.job.map_words import describe_map_check, is_doubtful
 from topdress.console.app.pages.job.service import JobFacts
-from topdress.console.app.remaining_work import estimate_remaining
-from topdress.console.app.typed_number import format_with_unit
-from topdress.console.app.units import Units
-from topdress.console.app.view import (
+from topdress.console.app.panel_views import (
     MAX_FRESH_AGE_S,
     ItemView,
     ShownText,
@@ -20,6 +17,9 @@ from topdress.console.app.view import (
     format_local_time,
     list_point_items,
 )
+from topdress.console.app.remaining_work import estimate_remaining
+from topdress.console.app.typed_number import format_with_unit
+from topdress.console.app.units import Units
 from topdress.console.frame import DeviceView, Frame
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import (
@@ -369,7 +369,9 @@ def _check_strip(facts: JobFacts, frame: Frame | None) -> JobCheck:
         return JobCheck(
             label,
             OK,
-            _("not needed: {source} in use").format(source=words.name_source(job.target.source)),
+            _("not needed: {source} in use").format(
+                source=frame_words.name_source(job.target.source)
+            ),
         )
     live = frame.strips.nrich if frame is not None else None
     # The strip that was measured today has priority over those of the files.

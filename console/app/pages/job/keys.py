@@ -17,8 +17,8 @@ from topdress.console.app.pages.job.checklist import (
     find_present_strips,
     list_checks,
 )
-from topdress.console.app.pages.job.nrich import MIN_STRIP_M, StripRun
 from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
+from topdress.console.app.pages.job.strip_measurement import MIN_STRIP_M, StripRun
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _

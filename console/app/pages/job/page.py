@@ -15,6 +15,7 @@ from topdress.console.app.action import JOB, make_bindings
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.job.check_list import (
     CheckList,
     JobNote,
@@ -37,7 +38,6 @@ from topdress.console.app.pages.job.map_dialog import (
     UNIT_CHOICE,
     MapDialog,
 )
-from topdress.console.app.pages.job.nrich import FieldMean, StripRun, find_heads_index
 from topdress.console.app.pages.job.refill import MIN_REFILL_KG, RefillWatch, explain_refill_doubt
 from topdress.console.app.pages.job.service import (
     IsCancelled,
@@ -50,12 +50,12 @@ from topdress.console.app.pages.job.service import (
     MapReading,
     Progress,
 )
-from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.job.strip_measurement import FieldMean, StripRun, find_heads_index
+from topdress.console.app.panel_views import RunView
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.view import RunView
-from topdress.console.app.widgets.chips import Chip, Chips
-from topdress.console.app.widgets.items import Items
+from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.labelled_values import Items
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.agronomy.strips import Strips, StripValue

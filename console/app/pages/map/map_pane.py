@@ -11,9 +11,8 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 from topdress.console.app.layers import LAYER_LABELS, MapLayer
-from topdress.console.app.pages.map.reading import PlaceReading
-from topdress.console.app.widgets.field_map import FieldMap
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.pages.map.place_reading import PlaceReading
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     find_at_cell,
@@ -21,6 +20,7 @@ from topdress.console.app.widgets.panel import (
     place_in_row,
     spread_parts,
 )
+from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.locale import _
 
 

@@ -23,19 +23,23 @@ from topdress.console.app.layers import LAYER_LABELS, MapLayer
 from topdress.console.app.overlay_file import OverlayFile, OverlayView
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.pages.map.keys import ACTIONS
-from topdress.console.app.pages.map.laid_legend import (
+from topdress.console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
+from topdress.console.app.pages.map.overlay_legend import (
     OverlayLegend,
     OverlayLegendView,
     OverlayLoader,
     find_overlay_label,
 )
-from topdress.console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
-from topdress.console.app.pages.map.reading import PlaceReading, list_job_items, make_place_reading
+from topdress.console.app.pages.map.place_reading import (
+    PlaceReading,
+    list_job_items,
+    make_place_reading,
+)
 from topdress.console.app.pages.replay.service import ReplayJob
-from topdress.console.app.view import MAX_FRESH_AGE_S, RunView, make_run_view
-from topdress.console.app.widgets.items import Items
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S, RunView, make_run_view
+from topdress.console.app.widgets.labelled_values import Items
 from topdress.console.app.widgets.map_legend import LegendView, MapLegend
-from topdress.console.app.widgets.rates import SeatRates
+from topdress.console.app.widgets.rate_panels import SeatRates
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.action import REPLAY, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from topdress.console.locale import N_, _
@@ -52,7 +52,7 @@ def ask_what_if(page: ReplayScreen) -> None:
     job = page.opened_job
     # The value has kind and name, because the list mixes three kinds of choices.
     choices = [
-        Choice(f"strategy:{name}", f"{_('strategy')}: {words.name_strategy(name)}")
+        Choice(f"strategy:{name}", f"{_('strategy')}: {frame_words.name_strategy(name)}")
         for name in STRATEGIES
     ]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]

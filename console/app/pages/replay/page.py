@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     fit_text_width,
@@ -28,7 +28,7 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.worker import Worker, get_current_worker
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.action import REPLAY, make_bindings
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
@@ -37,9 +37,9 @@ from topdress.console.app.pages.log_page import EMPTY_GROUND
 from topdress.console.app.pages.panel_page import PanelScreen
 from topdress.console.app.pages.replay.keys import ACTIONS
 from topdress.console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
+from topdress.console.app.panel_views import RunView, find_rate_error, format_duration
 from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.units import Units
-from topdress.console.app.view import RunView, find_rate_error, format_duration
 from topdress.console.frame import Frame
 from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 
@@ -320,7 +320,7 @@ class ReplayScreen(PanelScreen):
         if self.chosen == WhatIf():
             return _("as recorded")
         other = (
-            words.name_strategy(self.chosen.strategy),
+            frame_words.name_strategy(self.chosen.strategy),
             self.chosen.crop or "",
             self.chosen.machine or "",
         )

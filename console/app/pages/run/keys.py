@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.action import RUN, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
 from topdress.console.app.dose_change import find_source_rate, predict_dose_change
@@ -15,7 +15,7 @@ from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.run.section_bar import list_section_choices
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.undo import find_ordered_source
+from topdress.console.app.undo_stack import find_ordered_source
 from topdress.console.frame import Frame
 from topdress.console.locale import N_, _
 from topdress.control.orders import MAP_SOURCES, STRATEGIES, Do, Order, Strategy, TargetSource
@@ -156,7 +156,7 @@ def _describe_reach(page: RunScreen, by: Strategy) -> str:
 def ask_strategy(page: RunScreen) -> None:
     """Ask for the strategy."""
     frame = page.app.arrival.frame
-    choices = [Choice(one.value, words.name_strategy(one.value)) for one in STRATEGIES]
+    choices = [Choice(one.value, frame_words.name_strategy(one.value)) for one in STRATEGIES]
     # The present set-points tell which drive each strategy would keep.
     units, row = page.app.units, frame.row if frame else None
     text = "\n".join(
@@ -218,7 +218,7 @@ def ask_target_source(page: RunScreen) -> None:
 
 def _format_source(page: RunScreen, source: TargetSource) -> str:
     """Return the word of a source and its rate at this position, where known."""
-    frame, word = page.app.arrival.frame, words.name_source(source.value)
+    frame, word = page.app.arrival.frame, frame_words.name_source(source.value)
     rate = None if frame is None else find_source_rate(frame, source.value)
     return word if rate is None else f"{word}  {page.app.units.rate.format_with_name(rate)}"
 

@@ -13,15 +13,15 @@ from topdress.console.app.held_key import HeldKey
 from topdress.console.app.pages.panel_page import PanelScreen
 from topdress.console.app.pages.run.keys import ACTIONS
 from topdress.console.app.pages.run.section_bar import SectionBar
-from topdress.console.app.units import Units
-from topdress.console.app.view import (
+from topdress.console.app.panel_views import (
     AlarmsView,
     RunView,
     ShownText,
     format_duration,
     format_local_time,
 )
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.units import Units
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     choose_longest_fit,

@@ -8,9 +8,9 @@ from itertools import groupby
 
 from textual import events
 from textual.content import Content
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.dialogs import Choice
-from topdress.console.app.widgets.panel import Panel, TextPart, make_line
+from topdress.console.app.widgets.base_panel import Panel, TextPart, make_line
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import SectionState
@@ -39,7 +39,7 @@ def list_section_parts(sections: tuple[SectionState, ...]) -> list[TextPart]:
     for state, group in groupby(sections):
         last = first + len(list(group)) - 1
         numbers = f"{first}" if last == first else f"{first}-{last}"
-        word = _("open") if state.open else _(words.SECTION_NAMES.get(state.why, state.why))
+        word = _("open") if state.open else _(frame_words.SECTION_NAMES.get(state.why, state.why))
         style = "$success" if state.open else "$warning" if state.why == "hand" else "$text-muted"
         found.append((f"   {numbers} {word}", style))
         first = last + 1

@@ -19,16 +19,16 @@ from topdress.console.app import actions, themes
 from topdress.console.app.action import ANYWHERE, SETTINGS, Action, make_bindings
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
 from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.job.checklist import find_file_name
-from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.settings.keys import ACTIONS
 from topdress.console.app.pages.settings.service import SettingsStore
+from topdress.console.app.panel_views import RunView
 from topdress.console.app.settings import apply_settings, find_key_clash, find_keymap_fault
 from topdress.console.app.typed_number import round_inwards
-from topdress.console.app.undo import UndoableChange
+from topdress.console.app.undo_stack import UndoableChange
 from topdress.console.app.units import Unit
-from topdress.console.app.view import RunView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     Picked,
     PickList,
     TextPart,

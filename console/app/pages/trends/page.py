@@ -18,12 +18,17 @@ from topdress.console.app.channels import BY_ID, CHANNELS, DEFAULT_TREND_CHANNEL
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.pages.log_page import LogPage
 from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.pages.trends.channel_plots import (
+    ChannelPlot,
+    Plots,
+    PlotsView,
+    round_axis_ends,
+)
 from topdress.console.app.pages.trends.keys import ACTIONS
-from topdress.console.app.pages.trends.plots import ChannelPlot, Plots, PlotsView, round_axis_ends
+from topdress.console.app.panel_views import MAX_FRESH_AGE_S, format_duration, format_local_time
 from topdress.console.app.series import TrendStretch, summarise_stretch
 from topdress.console.app.units import Unit, Units
-from topdress.console.app.view import MAX_FRESH_AGE_S, format_duration, format_local_time
-from topdress.console.app.widgets.panel import Panel, Picked, fit_text_width, spread_parts
+from topdress.console.app.widgets.base_panel import Panel, Picked, fit_text_width, spread_parts
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, ComparedShown, DiagnosisView
+from topdress.console.app.panel_views import format_duration
 from topdress.console.app.units import Units
-from topdress.console.app.view import format_duration
 from topdress.console.locale import N_, _
 from topdress.console.reports.diagnosis_wording import (
     describe_improvement,

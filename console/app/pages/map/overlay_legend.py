@@ -10,7 +10,7 @@ from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 if TYPE_CHECKING:
-    from topdress.console.app.pages.page import Page
+    from topdress.console.app.pages.base_page import Page
 
 from typing import ClassVar, NamedTuple
 
@@ -22,9 +22,9 @@ from topdress.console.app.map_ink import (
     OVERLAY_COLOUR_SHARE,
     OVERLAY_LEVEL_SIGNS,
 )
+from topdress.console.app.widgets.base_panel import fit_text_width
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.map_legend import draw_colour_ramp
-from topdress.console.app.widgets.panel import fit_text_width
 
 # The file is read in a thread, and again where another job has another plane. Beyond this distance
 # from the field or machine, m, the distance is reported.

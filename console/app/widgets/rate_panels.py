@@ -10,8 +10,8 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
-from topdress.console.app.view import ERROR_BAR_SHARE, RatesView, TileView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import ERROR_BAR_SHARE, RatesView, TileView
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     choose_longest_fit,

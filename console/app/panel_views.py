@@ -10,7 +10,7 @@ from __future__ import annotations
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from topdress.console.app import words
+from topdress.console.app import frame_words
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
@@ -264,18 +264,18 @@ def _make_status_view(
     row = frame.row
     state = row.state or ""
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
-        _(word) for name, word in words.ALLOWANCE_NAMES.items() if getattr(frame.allow, name)
+        _(word) for name, word in frame_words.ALLOWANCE_NAMES.items() if getattr(frame.allow, name)
     )
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > MAX_FRESH_AGE_S else ""
-    word = words.name_state(row.state, frame.why_state)
+    word = frame_words.name_state(row.state, frame.why_state)
     # A state that may be outdated must not look like the present state.
     word = _("was {state}").format(state=word) if silent else word
     return StatusView(
         state,
-        words.STATE_SYMBOLS.get(state, " "),
+        frame_words.STATE_SYMBOLS.get(state, " "),
         word,
-        words.name_strategy(row.strategy),
-        words.name_source(row.target_source),
+        frame_words.name_strategy(row.strategy),
+        frame_words.name_source(row.target_source),
         "",
         own + marks,
         silent,
@@ -295,7 +295,7 @@ def make_alarms_view(
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
-        said = words.describe_alarm(alarm, units)
+        said = frame_words.describe_alarm(alarm, units)
         lasted_s = max(0.0, frame.at_s - alarm.since_s)
         since = format_local_time(frame.row.utc, utc_offset_s, lasted_s)
         lines.append(
@@ -303,8 +303,8 @@ def make_alarms_view(
                 alarm.id,
                 alarm.severity,
                 alarm.acknowledged,
-                words.SEVERITY_SYMBOLS[alarm.severity],
-                _(words.SEVERITY_NAMES[alarm.severity]),
+                frame_words.SEVERITY_SYMBOLS[alarm.severity],
+                _(frame_words.SEVERITY_NAMES[alarm.severity]),
                 said.text,
                 said.place,
                 said.todo,
@@ -317,7 +317,11 @@ def make_alarms_view(
     calm = _("no values: alarms are not known") if old else _("no alarms")
     # The alarm of the fault has ended: the text names the next step, then the former alarm.
     if fault and not old:
-        was = words.describe_alarm(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
+        was = (
+            frame_words.describe_alarm(Alarm(fault, Severity.RED, 0.0)).text
+            if fault in ALARMS
+            else ""
+        )
         calm = (
             f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   "
             f"{was}".rstrip()
@@ -389,7 +393,7 @@ def explain_rate(frame: Frame) -> tuple[str, ...]:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
         notes = ["rate_is_zero"]
-    return tuple(words.name_note(note) for note in notes)
+    return tuple(frame_words.name_note(note) for note in notes)
 
 
 def _list_tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
@@ -486,7 +490,7 @@ def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...
     # In a stale frame the age would stand still, so the frame's own age is added.
     gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
     gnss_old = old or gnss_age_s is None or gnss_age_s > MAX_FRESH_AGE_S
-    fix = words.name_fix(row.fix_quality)
+    fix = frame_words.name_fix(row.fix_quality)
     satellites = "--" if row.satellites is None else str(row.satellites)
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"

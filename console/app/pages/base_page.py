@@ -15,6 +15,13 @@ from textual.content import Content
 from textual.css.scalar import Scalar
 from textual.screen import Screen
 from topdress.console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
+from topdress.console.app.panel_views import (
+    AlarmsView,
+    RunView,
+    make_run_view,
+    mask_lost_machine,
+    mask_missing_machine,
+)
 from topdress.console.app.presence_text import PresenceView
 from topdress.console.app.refresh_rates import (
     MAPS_PERIOD_S,
@@ -22,23 +29,16 @@ from topdress.console.app.refresh_rates import (
     PLOTS_PERIOD_S,
     RefreshTimer,
 )
-from topdress.console.app.view import (
-    AlarmsView,
-    RunView,
-    make_run_view,
-    mask_lost_machine,
-    mask_missing_machine,
-)
 from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
-from topdress.console.app.widgets.key_bar import KeyBar, KeysView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.widgets.base_panel import (
     DrawnWidget,
     Panel,
     fit_text_width,
     make_line,
     wrap_text,
 )
-from topdress.console.app.widgets.rates import SmallPanel, SmallView
+from topdress.console.app.widgets.key_bar import KeyBar, KeysView
+from topdress.console.app.widgets.rate_panels import SmallPanel, SmallView
 from topdress.console.app.widgets.status_line import (
     PageBar,
     PagesView,

@@ -23,6 +23,7 @@ from topdress.console.app.alarms import make_alarm_entries
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.dose_change import predict_dose_change
 from topdress.console.app.first_question import start_from_any_page
+from topdress.console.app.guided_tour import Tour
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.reasons import (
     explain_no_acknowledge,
@@ -31,15 +32,14 @@ from topdress.console.app.reasons import (
     explain_no_undo,
 )
 from topdress.console.app.screens.alarm_list import AlarmList
-from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.jump import (
+from topdress.console.app.screens.help_screen import HelpScreen
+from topdress.console.app.screens.jump_letters import (
     JumpScreen,
     choose_label_letters,
     click_place,
     find_click_places,
     make_jump_labels,
 )
-from topdress.console.app.tour import Tour
 from topdress.console.app.units import UNITS
 from topdress.console.locale import N_, _, find_language_code, list_languages, use_language
 from topdress.console.worker.resume_alarms import AlarmRecord

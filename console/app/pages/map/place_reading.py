@@ -10,15 +10,15 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.map_image import GroundPixels
 from topdress.console.app.overlay_file import OverlayView
-from topdress.console.app.remaining_work import estimate_remaining
-from topdress.console.app.units import Units
-from topdress.console.app.view import (
+from topdress.console.app.panel_views import (
     ItemView,
     ShownText,
     find_rate_error,
     format_duration,
     format_signed_percent,
 )
+from topdress.console.app.remaining_work import estimate_remaining
+from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 

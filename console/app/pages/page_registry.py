@@ -17,7 +17,7 @@ from topdress.console.app.action import (
     SETTINGS,
     TRENDS,
 )
-from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.services import Services
 

@@ -34,8 +34,8 @@ from topdress.console.worker.limits import (
     ORPHAN_TIMEOUT_S,
     TOTALS_PERIOD_S,
 )
-from topdress.console.worker.parts import FRAME_FIELDS, Assembly
 from topdress.console.worker.requests import ClientQuestion, DeviceOrder, RequestContent
+from topdress.console.worker.run_parts import FRAME_FIELDS, Assembly
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.field.totals import Totals
 from topdress.control.loop import Tick

@@ -15,8 +15,8 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 from topdress.console.app.braille import BLANK_BRAILLE_CODE, CELL_DOT_BITS
+from topdress.console.app.widgets.base_panel import align_text_right, fit_text_width
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Columns for the numbers of the vertical axis.

@@ -14,7 +14,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import TextPart, fit_text_width
+from topdress.console.app.widgets.base_panel import TextPart, fit_text_width
 from topdress.console.locale import N_, _
 
 # Terms of the pages that are unknown from bags and tractors, one line each.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.view import ItemView
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import ItemView
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     choose_longest_fit,

@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.widgets.panel import Panel, TextPart, make_line
+from topdress.console.app.widgets.base_panel import Panel, TextPart, make_line
 
 
 class Chip(NamedTuple):

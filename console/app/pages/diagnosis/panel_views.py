@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topdress.console.app.pages.diagnosis import words
+from topdress.console.app.pages.diagnosis import diagnosis_words
 from topdress.console.app.pages.diagnosis.causes import CauseLine, CausesView
 from topdress.console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
 from topdress.console.app.pages.diagnosis.residual_plot import PlotView
@@ -32,9 +32,9 @@ def make_verdict(view: DiagnosisView, lead: str) -> VerdictTexts:
         view.found.verdict,
         symbol,
         _(name),
-        words.describe_data(view),
+        diagnosis_words.describe_data(view),
         sentences.format_verdict_line(view.found),
-        words.describe_next_step(view),
+        diagnosis_words.describe_next_step(view),
         lead,
     )
 
@@ -67,10 +67,10 @@ def _make_cause_line(cause: Cause, mean_target_kg_ha: float | None, units: Units
     )
     return CauseLine(
         sentences.format_heading(cause),
-        words.format_cause_size(cause),
+        diagnosis_words.format_cause_size(cause),
         format_percent(cause.probability),
         rivals,
-        words.format_cost(cause, mean_target_kg_ha, units),
+        diagnosis_words.format_cost(cause, mean_target_kg_ha, units),
         _("Drive the next test before anything is changed.") if tied else _(cause.advice),
         find_interval_shares(cause.size),
         tied,
@@ -102,8 +102,8 @@ def make_channels_view(view: DiagnosisView) -> ChannelsView:
             "({metric})"
         ).format(
             channel=sentences.name_channel(gain.channel),
-            before=words.format_figure(gain.before),
-            after=words.format_figure(gain.after),
+            before=diagnosis_words.format_figure(gain.before),
+            after=diagnosis_words.format_figure(gain.after),
             metric=gain.metric,
         )
         for gain in found.gain
@@ -148,9 +148,9 @@ def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
     return ChannelLine(
         sentences.name_channel(one.channel),
         one.unit,
-        words.format_figure(one.rmse),
-        "" if after is None else words.format_figure(after),
-        words.format_figure(one.noise_floor),
+        diagnosis_words.format_figure(one.rmse),
+        "" if after is None else diagnosis_words.format_figure(after),
+        diagnosis_words.format_figure(one.noise_floor),
         format_percent(share) if wrong else "-",
         wrong,
     )

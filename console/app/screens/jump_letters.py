@@ -16,8 +16,8 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 from topdress.console.app.action import ANYWHERE, CALIBRATE, DEVICES, RUN
+from topdress.console.app.widgets.base_panel import Panel
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import Panel
 
 # Pages whose letter keys start, stop or change something on the machine.
 MACHINE_PAGES = (ANYWHERE, RUN, DEVICES, CALIBRATE)

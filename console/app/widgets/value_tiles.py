@@ -13,9 +13,8 @@ from textual.content import Content
 from textual.strip import Strip
 from topdress.console.app.braille import BLANK_BRAILLE_CODE, trace_values
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
-from topdress.console.app.view import HeadsView, HeadView, TileView
-from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import (
+from topdress.console.app.panel_views import HeadsView, HeadView, TileView
+from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
     choose_longest_fit,
@@ -24,6 +23,7 @@ from topdress.console.app.widgets.panel import (
     make_solid_parts,
     spread_parts,
 )
+from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.locale import _
 
 

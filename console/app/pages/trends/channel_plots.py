@@ -16,8 +16,8 @@ from textual import events
 from textual.message import Message
 from textual.strip import Strip
 from topdress.console.app.braille import BLANK_BRAILLE_CODE, CellDots, PlotPiece, trace_cells
+from topdress.console.app.widgets.base_panel import align_text_right, fit_text_width
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import align_text_right, fit_text_width
 from topdress.console.locale import _
 
 # Columns for the numbers of the vertical axis.
