@@ -429,8 +429,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         name = bar.find_action(x - bar.content_region.x)
         return name if name in URGENT_ACTIONS else ""
 
-    # --- frames
-    # ----------------------------------------------------------------------------------------------
+    # The following methods take frames and show what is new.
 
     @property
     def page(self) -> Page:
@@ -769,8 +768,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         else:
             then(found)
 
-    # --- the other end
-    # ------------------------------------------------------------------------------------------
+    # The following methods connect to the worker, lose it and find it again.
 
     def _supervise_source(self) -> None:
         """Run the source's connection in a worker of its own, in place of the former source's."""
@@ -1063,8 +1061,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """Return the key of an action as the key bar prints it."""
         return actions.find_shown_key(actions.BY_ID[name])
 
-    # --- actions
-    # ----------------------------------------------------------------------------------------------
+    # The following methods perform the actions of the table.
 
     async def action_do(self, name: str) -> None:
         """Perform an action of the table if it belongs to this screen and the keys are not

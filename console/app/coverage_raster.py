@@ -275,8 +275,7 @@ class WorkedGround:
         laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
         return self._make_swath(laid, self._list_offsets_m())[0].reshape(-1, 2)
 
-    # --- inside
-    # ----------------------------------------------------------------------------------------------
+    # The following methods are private to the raster.
 
     def _find_new_ways(self, spots: Sequence[Spot]) -> Iterator[_SpotWay]:
         """Yield the way from the last spot to each spot that is far enough from it, and whether

@@ -163,7 +163,7 @@ class NudgeDialog(Dialog[float | None]):
         self._show_nudge()
 
     def _show_nudge(self, wrong: str = "") -> None:
-        # Textual calls the first step from the constructor, before any widget exists.
+        # The constructor calls the first step before any widget exists.
         if self.is_mounted:
             shown = self.query_one("#nudge-value", Static)
             shown.update(f"{self._format_nudge()}\n! {wrong}" if wrong else self._format_nudge())

@@ -160,7 +160,7 @@ class RunView(NamedTuple):
 
 def find_rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
     """Return the relative rate error (applied - target) / max(target, 50 kg/ha); None if a rate is
-    unknown. The alarm "rate off" uses the same formula with a delayed target."""
+    unknown. The alarm "rate off" has the same formula, but not the present target."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, MIN_ERROR_REFERENCE_KG_HA)

@@ -111,7 +111,7 @@ def apply_settings(app: TopdressApp, settings: Settings) -> str:
         trouble = trouble or _("key theme: value {name}: allowed {known}").format(
             name=settings.theme, known=known
         )
-    # A faulty keymap is ignored as a whole: half of it might leave STOP without a key.
+    # A faulty keymap is ignored as a whole, because a part of it could be ambiguous.
     app.use_keymap({} if trouble and find_keymap_fault(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {

@@ -34,7 +34,7 @@ MAX_TABS = 6
 HEARTBEAT_PERIOD_S = 10.0
 # Limits and default of the font size, px.
 MIN_FONT_PX, DEFAULT_FONT_PX, MAX_FONT_PX = 8, 16, 40
-# Larger terminals would exhaust the memory of the process.
+# No screen has more cells; the limits bound the memory of the process.
 MAX_TAB_COLUMNS, MAX_TAB_ROWS = 400, 200
 # Largest message of a tab, bytes: a pasted text.
 MAX_MESSAGE_BYTES = 16_384

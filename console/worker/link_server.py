@@ -238,8 +238,7 @@ class LinkServer(threading.Thread):
         if self.is_alive():
             self.join(timeout_s)
 
-    # --- whose turn it is
-    # --------------------------------------------------------------------------------------------
+    # The following methods choose the client whose turn comes next.
 
     def _wait_for_authorised(self) -> SelectorEvents:
         """Wait until a client with the token sends something, a frame may exist, or other clients
@@ -288,8 +287,7 @@ class LinkServer(threading.Thread):
             and (client.has_whole_line or id(client) in new)
         ]
 
-    # --- coming and going
-    # --------------------------------------------------------------------------------------------
+    # The following methods accept and remove clients.
 
     def _accept_connections(self) -> None:
         """Accept waiting connections, a bounded number per turn."""
@@ -345,8 +343,7 @@ class LinkServer(threading.Thread):
             if client.shown is not None:
                 self._host.note_event(f"left {client.shown.name}")
 
-    # --- what is said
-    # ----------------------------------------------------------------------------------------------
+    # The following methods process requests and send answers and frames.
 
     def _hear_guarded(self, client: Client) -> None:
         """Serve a client; an exception disconnects this client only."""

@@ -238,8 +238,7 @@ class Host:
         # Failures that were already printed to stderr.
         self._reported: set[str] = set()
 
-    # --- called from other threads
-    # -----------------------------------------------------------------------------------
+    # Other threads may call the following methods.
 
     def note_event(self, event: str) -> None:
         """Queue an event for the log's next row."""
@@ -278,8 +277,7 @@ class Host:
         if not self._stop:
             self._stop, self._stopped_by = why, by
 
-    # --- the run
-    # ----------------------------------------------------------------------------------------------
+    # The following methods run the ticks, in the thread of the loop.
 
     def run_until_stopped(self) -> str:
         """Run ticks until stopped or orphaned, and return the reason. Drives are switched off and
@@ -415,8 +413,7 @@ class Host:
                 self._files.close_files()
                 self._bench.close_devices()
 
-    # --- inside
-    # ----------------------------------------------------------------------------------------------
+    # The following methods are private to the host.
 
     def _find_next_due_s(self, due_s: float, now_s: float) -> float:
         """Return the time of the next tick; missed ticks are skipped."""

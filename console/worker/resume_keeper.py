@@ -82,8 +82,7 @@ class SnapshotKeeper:
         self.trouble = ""
         self.tally = self._make_tally()
 
-    # --- the loop's thread
-    # -------------------------------------------------------------------------------------------
+    # The loop's thread calls the following methods.
 
     def take_tick(self, seen: Tick) -> None:
         """Queue a tick, nothing else."""
@@ -103,8 +102,7 @@ class SnapshotKeeper:
         """Record the path of the log in which the run continues."""
         self._log_path = os.path.abspath(log_path)
 
-    # --- the log writer's thread
-    # -------------------------------------------------------------------------------------
+    # The log writer's thread calls the following methods.
 
     def save_due(self, closing: bool) -> None:
         """Process the queued ticks, and write the snapshot when it is due. Never raises, because

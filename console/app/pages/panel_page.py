@@ -111,8 +111,7 @@ class PanelScreen(LogPage):
         if self.maps.is_due(now_s) and self.query_one("#right").display:
             self._show_map(frame, age_s)
 
-    # --- the trend, and what is read off it
-    # ---------------------------------------------------------------------
+    # The following methods show the trend and read it at the cursor.
 
     def _show_trend(self, frame: Frame | None, stale: bool) -> None:
         """Show the trend and the small graphs below the tiles."""
@@ -206,8 +205,7 @@ class PanelScreen(LogPage):
         """Remove the cursor."""
         self.drop_cursor()
 
-    # --- the map
-    # ----------------------------------------------------------------------------------------------
+    # The following methods show the map.
 
     def _show_map(self, frame: Frame | None, age_s: float) -> None:
         """Show the map with its legend."""

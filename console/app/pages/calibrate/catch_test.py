@@ -129,7 +129,7 @@ class CatchRun:
     def scale_loss_kg(self) -> float | None:
         """Mass that the hopper scale lost during the catch, kg, including the scale's noise; None
         while the scale is not at rest."""
-        # A third of the readings is enough for a mean of less noise than the mass in doubt.
+        # A third of the readings suffices, so that a short rest between runs is enough.
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)

@@ -62,7 +62,7 @@ class EffortCalibration(Calibration):
             *(
                 LineRow(_(word), "--" if value is None else f"{value:.3g}")
                 for word, value in (
-                    # Effort has the unit of the drive's own report, such as A or %.
+                    # The machine file declares the unit of effort: % of full duty, A or N m.
                     (N_("effort of the shaft"), row.shaft_effort),
                     (N_("effort of the gate"), row.gate_effort),
                 )

@@ -214,8 +214,7 @@ class CalibrateScreen(Page):
         self._computing: Worker[None] | None = None
         self._watch: Timer | None = None
 
-    # --- what it shows
-    # -------------------------------------------------------------------------------------------
+    # The following methods show the page.
 
     def compose_body(self) -> ComposeResult:
         with Vertical(id="calibrate"):
@@ -291,8 +290,7 @@ class CalibrateScreen(Page):
         self.query_one("#cal-chips", Chips).show_view(chips)
         self.query_one("#cal-curve", CurvePlot).display = self.calibration.make_curve() is not None
 
-    # --- what is done
-    # --------------------------------------------------------------------------------------------
+    # The following methods react to keys and clicks.
 
     def run_calibration_key(self, name: str) -> None:
         """Run the open calibration's function for a key, or explain why it has none."""
@@ -352,8 +350,7 @@ class CalibrateScreen(Page):
         """Send an order without a notice; the guide shows a refusal."""
         return await self.app.ask_source(lambda source: source.send_order(order), quiet=True)
 
-    # --- for the calibrations
-    # ------------------------------------------------------------------------------------
+    # The following methods serve the calibrations.
 
     def ask_question(self, question: ModalScreen[T | None], then: Callable[[T], object]) -> None:
         """Ask a question; the shaft stands meanwhile."""

@@ -122,7 +122,7 @@ class WheelCalibration(Calibration):
         # A ratio of less than a metre is noise.
         if drive.wheel_m > 1.0:
             rows.append(LineRow(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
-        # Only an RTK fix makes 100 m accurate to a few centimetres.
+        # Positions without RTK are too inaccurate over 100 m, so their quality is marked.
         fix = seen.frame.row.fix_quality if seen.frame else None
         rows.append(LineRow(_("fix"), frame_words.name_fix(fix), "" if fix in (4, 5) else "amber"))
         if self.page.service is not None:

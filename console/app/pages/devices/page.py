@@ -132,8 +132,7 @@ class DevicesScreen(Page):
             ),
         )
 
-    # --- what is done
-    # --------------------------------------------------------------------------------------------
+    # The following methods react to keys and clicks.
 
     def perform_action(self, action: Action) -> None:
         if self.chosen_device is None:

@@ -147,7 +147,7 @@ def ask_to_adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
-    # Modules of the diagnosis are imported on use, because they import SciPy.
+    # Modules of the diagnosis are imported on use, so that the console starts without them.
     from topdress.console.app.pages.diagnosis.adoption import list_undecided
 
     _ask_next_cause(page, found, list_undecided(found), ())

@@ -306,8 +306,7 @@ class DiagnosisScreen(Page):
         if self.sources is not None and frame.log_path != self._listed_for:
             self.sources = None
 
-    # --- showing
-    # ----------------------------------------------------------------------------------------------
+    # The following methods show the page.
 
     def show_numbers(self, view: RunView) -> None:
         """Show list, progress or diagnosis."""
@@ -437,8 +436,7 @@ class DiagnosisScreen(Page):
             for name, label, on, lead in wanted
         )
 
-    # --- what is done
-    # ----------------------------------------------------------------------------------------------
+    # The following methods react to keys.
 
     def perform_action(self, action: Action) -> None:
         if self.service is None:
@@ -506,8 +504,7 @@ class DiagnosisScreen(Page):
 
         self.app.run_with_files(write, show_written, show_failure)
 
-    # --- long work
-    # ----------------------------------------------------------------------------------------------
+    # The following methods run work in threads and take its results.
 
     def _list_data(self) -> None:
         """Start to list data and machine files, in a thread."""
@@ -643,8 +640,7 @@ class DiagnosisScreen(Page):
         lines = [*open_.questions, "", how, open_.import_file]
         self.app.push_screen(TextDialog(_("What the file does not say"), "\n".join(lines)))
 
-    # --- mouse
-    # ----------------------------------------------------------------------------------------------
+    # The following methods react to the mouse.
 
     def on_picked(self, event: Picked) -> None:
         """Mark the clicked cause or file; a second click on a file starts its diagnosis."""

@@ -120,8 +120,7 @@ class JobScreen(Page):
                     yield Items((), id="job-totals")
                 yield JobNotes(NotesView((), ()), id="job-notes")
 
-    # --- what comes in
-    # ------------------------------------------------------------------------------------------
+    # The following methods take frames and the contents of files.
 
     def gather_frame(self, frame: Frame) -> None:
         """Process every frame, also while another page is open."""
@@ -296,8 +295,7 @@ class JobScreen(Page):
         self.run_notes[:] = [*self.run_notes, text][-MAX_NOTES:]
         self.refresh_all_next_tick()
 
-    # --- actions
-    # ----------------------------------------------------------------------------------------------
+    # The following methods perform the actions of the page.
 
     def key_escape(self) -> None:
         """Cancel the work in progress."""
@@ -455,8 +453,7 @@ class JobScreen(Page):
             exclusive=False,
         )
 
-    # --- a prescription from a stick, and whose job it is
-    # --------------------------------------------------------
+    # The following methods take a prescription map and the names of the job.
 
     def look_for_maps(self, service: JobService) -> None:
         """List the maps on memory sticks and in folders, and ask for one of them."""
@@ -714,8 +711,7 @@ class JobScreen(Page):
 
         self.app.run_with_files(work, then, note_failure, group="job-bring")
 
-    # --- long work
-    # ----------------------------------------------------------------------------------------------
+    # The following methods run exports and reports in a thread.
 
     def begin_work(
         self, name: str, work: Callable[[str, Progress, IsCancelled], tuple[str, ...]]

@@ -106,8 +106,7 @@ class MapScreen(LogPage):
             )
         )
 
-    # --- a boundary by driving round it, and the A-B line
-    # ----------------------------------------------------------
+    # The following methods record a boundary and set the A-B line.
 
     def gather_frame(self, frame: Frame) -> None:
         super().gather_frame(frame)
@@ -262,8 +261,7 @@ class MapScreen(LogPage):
                 )
             )
 
-    # --- drawing
-    # ----------------------------------------------------------------------------------------------
+    # The following methods draw the map.
 
     @property
     def pane(self) -> MapPane:
@@ -372,8 +370,7 @@ class MapScreen(LogPage):
             )
         )
 
-    # --- what is pressed, clicked, pulled
-    # -----------------------------------------------------------------------
+    # The following methods react to keys, clicks and drags.
 
     def zoom_map(self, steps: int) -> None:
         """Zoom by steps."""

@@ -41,7 +41,7 @@ def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
     # Before the first frame nothing is allowed, and the guard is on.
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = (
-        # The order is that of the dialog: the allowances needed most often come first.
+        # The order is that of the dialog.
         (Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
         (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
         (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),

@@ -317,8 +317,7 @@ class SettingsScreen(Page):
             )
         return found
 
-    # --- actions
-    # ----------------------------------------------------------------------------------------------
+    # The following methods perform the actions of the page.
 
     def perform_action(self, action: Action) -> None:
         if self.store is None:

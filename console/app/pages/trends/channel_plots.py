@@ -202,8 +202,7 @@ class Plots(Canvas[PlotsView]):
             (line[taken + len(read) :], muted),
         )
 
-    # --- mouse
-    # ----------------------------------------------------------------------------------------------
+    # The following methods react to the mouse.
 
     def _find_title_rows(self) -> set[int]:
         """Return the rows of the titles."""

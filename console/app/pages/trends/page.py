@@ -169,8 +169,7 @@ class TrendsScreen(LogPage):
         if self.plots.is_due(now_s):
             self._draw_plots(*self.find_frame(now_s))
 
-    # --- drawing
-    # ----------------------------------------------------------------------------------------------
+    # The following methods draw the plots.
 
     def find_window(self) -> TimeWindow:
         """Return the visible span."""
@@ -305,8 +304,7 @@ class TrendsScreen(LogPage):
         fixed = (_("fixed scale"),) if self.fixed is not None else ()
         return (*log, *fixed, _("FROZEN") if self.ends_s is not None else _("running"))
 
-    # --- what is pressed and clicked
-    # ----------------------------------------------------------------------------
+    # The following methods react to keys and clicks.
 
     def toggle_freeze(self) -> None:
         """Freeze the plots, or let them run."""
