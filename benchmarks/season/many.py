@@ -69,7 +69,7 @@ def read(
 def bodies(seed: int, count: int) -> Iterator[tuple[str, bytes]]:
     """Place and bytes of every log."""
     from drawn import season_of
-    from topdress.console.services.fleet_job import RECORD_FORMAT
+    from topdress.console.services.fleet_job import FORMAT
 
     for number, one in enumerate(season_of(seed, count)):
         form = {
@@ -77,7 +77,7 @@ def bodies(seed: int, count: int) -> Iterator[tuple[str, bytes]]:
             for name, value in one.form.items()
         }
         made = {
-            "format": RECORD_FORMAT,
+            "format": FORMAT,
             "path": "",
             "content": str(number),
             "rows": 3600,

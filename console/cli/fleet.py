@@ -101,7 +101,7 @@ def run_fleet(
         find_logs,
         open_cluster,
     )
-    from topdress.console.services.fleet_job import RECORD_FORMAT
+    from topdress.console.services.fleet_job import FORMAT
     from topdress.console.services.fleet_tables import TABLE_COLUMNS
     from topdress.drivers.files.config import calc_sha256, load_config
     from topdress.drivers.files.extras import require_extras
@@ -126,7 +126,7 @@ def run_fleet(
     )
     known = None if table is None else _read_log_list(table, logs)
     out.mkdir(parents=True, exist_ok=True)
-    salt = f"{RECORD_FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
+    salt = f"{FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
     begin = time.monotonic()
     asked = FleetRequest(loaded.model.model_dump(mode="json"), salt, options, retry)
     with open_cluster(scheduler, min(workers, len(logs))) as client:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.services.fleet_job import (
-    RECORD_FORMAT,
+    FORMAT,
     StoreOptions,
     calc_checksum,
     hash_first_bytes,
@@ -200,8 +200,8 @@ def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
                 f"{who} has no topdress: allowed is the same as here on the scheduler and "
                 "every worker"
             )
-        elif said != RECORD_FORMAT:
-            yield f"{who} has a topdress that makes records {said}: allowed {RECORD_FORMAT}"
+        elif said != FORMAT:
+            yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
 
 
 def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
@@ -444,7 +444,7 @@ def _read_kept_record(out: Path, key: str) -> dict[str, Any] | None:
         made = read_record(_make_record_path(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return made if isinstance(made, dict) and made.get("format") == RECORD_FORMAT else None
+    return made if isinstance(made, dict) and made.get("format") == FORMAT else None
 
 
 class _FleetTasks:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.read_log import RunLog
 
-RECORD_FORMAT = "topdress-fleet-log/3"
+# Workers of other versions are asked for this name, so it is a contract.
+FORMAT = "topdress-fleet-log/3"
 BLOCK_BYTES = 1 << 20
 FIRST_BYTES = 4096
 # Shortest log, s; a shorter log shows neither a hopper level nor a trend.
@@ -113,11 +114,11 @@ def make_record(
                 "processor_s": time.process_time() - began[1],
             }
     except ConfigError as error:
-        return {"format": RECORD_FORMAT, "path": where, "error": error.lines[0], "lasting": True}
+        return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
     # One log of thousands must not stop the others.
     except Exception as error:
         return {
-            "format": RECORD_FORMAT,
+            "format": FORMAT,
             "path": where,
             "error": read_first_line(error),
             "lasting": isinstance(error, ValueError) and not isinstance(error.__context__, OSError),
@@ -173,7 +174,7 @@ def _diagnose_log(
     seen = collect_log_evidence(log.columns, machine, where)
     found = seen.found
     return {
-        "format": RECORD_FORMAT,
+        "format": FORMAT,
         "path": where,
         "content": _hash_measurements(log),
         "rows": len(log),

@@ -28,7 +28,7 @@ from topdress.console.reports.fleet_page import (
 from topdress.console.reports.numbers import format_fixed
 from topdress.console.services import fleet
 from topdress.console.services.fleet_job import (
-    RECORD_FORMAT,
+    FORMAT,
     calc_checksum,
     list_side_urls,
     make_record,
@@ -82,7 +82,7 @@ class Asked:
     def answer(self, where: str, options: Any, machine: Any, sides: Any) -> dict[str, Any]:
         with self.file.open("a") as opened:
             opened.write(where + "\n")
-        said = {"format": RECORD_FORMAT, "path": where}
+        said = {"format": FORMAT, "path": where}
         return {**said, "error": "spoilt", "lasting": True} if where == self.spoilt else said
 
     @property
@@ -462,7 +462,7 @@ def test_a_cluster_of_other_versions_is_said() -> None:
 def test_a_worker_without_topdress_is_said() -> None:
     told = {
         "the scheduler": ModuleNotFoundError("topdress"),
-        "worker a": RECORD_FORMAT,
+        "worker a": FORMAT,
         "worker b": "topdress-fleet-log/1",
     }
     scheduler, worker = fleet.list_without_topdress(told)
