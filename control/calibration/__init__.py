@@ -47,7 +47,7 @@ __all__ = [
     "recognise_kind",
 ]
 
-_FITS = {
+_FIT_MODULES = {
     "FlowFit": ".flow_fit",
     "fit_flow": ".flow_fit",
     "HeadFit": ".heads_check",
@@ -62,6 +62,6 @@ _FITS = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _FITS:
+    if name not in _FIT_MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_FITS[name], __name__), name)
+    return getattr(import_module(_FIT_MODULES[name], __name__), name)

@@ -7,12 +7,12 @@ from __future__ import annotations
 from collections import deque
 
 # Maximum length of an event, characters, which is also the maximum for an operator's mark.
-EVENT_CHARACTERS = 1_000
+MAX_EVENT_LETTERS = 1_000
 # Maximum length of a row's events, characters, separators included: even a row of commas would then
 # be accepted by a reader with at most 2,000 columns.
-ROW_CHARACTERS = 1_800
+MAX_ROW_LETTERS = 1_800
 # Maximum number of waiting events; further events are only counted.
-MAX_WAITING = 1_000
+MAX_WAITING_EVENTS = 1_000
 _CUT_MARK = "..."
 
 
@@ -26,7 +26,7 @@ class EventQueue:
 
     @property
     def is_full(self) -> bool:
-        return len(self._waiting) >= MAX_WAITING
+        return len(self._waiting) >= MAX_WAITING_EVENTS
 
     def add_events(self, *events: str) -> None:
         for event in events:
@@ -35,14 +35,14 @@ class EventQueue:
             else:
                 self._waiting.append(
                     event
-                    if len(event) <= EVENT_CHARACTERS
-                    else event[: EVENT_CHARACTERS - len(_CUT_MARK)] + _CUT_MARK
+                    if len(event) <= MAX_EVENT_LETTERS
+                    else event[: MAX_EVENT_LETTERS - len(_CUT_MARK)] + _CUT_MARK
                 )
 
     def take_row_events(self) -> list[str]:
         """Returns the events for the next row."""
         found: list[str] = []
-        left = ROW_CHARACTERS
+        left = MAX_ROW_LETTERS
         while self._waiting and (left := left - len(self._waiting[0]) - 1) >= 0:
             found.append(self._waiting.popleft())
         if self._left_out and not self._waiting:

@@ -7,8 +7,8 @@ from __future__ import annotations
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.term_sums import (
     NO_TERMS,
+    FrozenTerms,
     HeldCommands,
-    StandingTerms,
     TermSums,
     TermTotals,
     explain_not_compensated,
@@ -29,7 +29,7 @@ class KnownTerms:
         self._terms = TermSums(term for term in machine.terms if not explain_not_compensated(term))
         self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._ran_away_kg = 0.0
-        self.now: StandingTerms | None = None
+        self.now: FrozenTerms | None = None
 
     def advance_terms(
         self,

@@ -87,7 +87,7 @@ GROWTH_REPORT_S = 15.0
 # Reasons for a rule's rate of 0.
 CANOPY_ZERO_REASONS = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
 SOURCES_OF_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
-SOURCES_OF_ZERO = (
+ZERO_RATE_SOURCES = (
     TargetSource.MAP,
     TargetSource.MANUAL,
     TargetSource.FALLBACK,
@@ -982,7 +982,7 @@ class ControlLoop:
             and source is TargetSource.FALLBACK
         ):
             return ["zero_silent"]
-        return [f"zero_{source.value}"] if source in SOURCES_OF_ZERO else []
+        return [f"zero_{source.value}"] if source in ZERO_RATE_SOURCES else []
 
 
 def _find_stop_lag(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:

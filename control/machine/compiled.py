@@ -22,7 +22,7 @@ from numba.np.unsafe import ndarray
 from . import effort, elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
 from .form import TermParams
 from .jit_cache import CompiledCodeCache, rename_uniquely
-from .stage_runner import Run, allocate_output, make_fill, make_map_run
+from .stage_runner import StageRun, allocate_output, make_fill, make_map_run
 
 # In compiled code, the function maps (array, count) to a tuple.
 to_fixed_tuple: Any = ndarray.to_fixed_tuple
@@ -60,7 +60,7 @@ for _piece in (
     fall.find_start_drop_s,
     fall.calc_drop_s,
     shaft.step_first_order,
-    shaft.swing_freely,
+    shaft.solve_free_response,
     shaft.find_next_zero_s,
     shaft.find_free_time_s,
     shaft.step_second_order,
@@ -141,11 +141,11 @@ def compile_function(run: Callable[..., Any], makes_arrays: bool = True) -> Call
     return made
 
 
-def _compile_run(run: Callable[..., Any]) -> Run:
+def _compile_run(run: Callable[..., Any]) -> StageRun:
     return compile_function(run)
 
 
-def compile_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
+def compile_stage_run(step: Callable[..., Any], exact: bool = False) -> StageRun:
     """Returns `over_log.over_log` of a step, compiled."""
     return allocate_output(compile_function(make_fill(step, exact), makes_arrays=False))
 

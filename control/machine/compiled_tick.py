@@ -18,18 +18,25 @@ from .gate import Gate, GateInput, GateOutput, GateState, step_gate
 from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, step_shaft
 from .term_sums import NO_TERMS, TermTotals
 
-_OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow._fields)
+_SHAFT_FIELD_COUNT, _GATE_FIELD_COUNT, _FLOW_FIELD_COUNT = (
+    len(Shaft._fields),
+    len(Gate._fields),
+    len(Flow._fields),
+)
 # Layout of the stored numbers: time, speed, newest and current index of the shaft; time, driven,
 # carried, travelled, newest and current index of the gate; two outputs of each; the flow's state;
 # the rate of change of the shaft's speed. The delay lines hold times and values of the shaft, then
 # of the gate.
-_KEPT, _OUT, _HOPPER, _SLOPE = 19, 10, 14, 18
+_STATE_COUNT, _OUTPUT_INDEX, _HOPPER_INDEX, _SLOPE_INDEX = 19, 10, 14, 18
 
 
 @mark_compilable
 def _unpack_shaft(kept: Any, lines: Any) -> Any:
     return ShaftState(
-        kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])), kept[_SLOPE]
+        kept[0],
+        kept[1],
+        DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])),
+        kept[_SLOPE_INDEX],
     )
 
 
@@ -58,7 +65,7 @@ def _pack_states(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> N
         gate.carried_mm,
         gate.travelled_mm,
     )
-    kept[_SLOPE] = shaft.rpm_s
+    kept[_SLOPE_INDEX] = shaft.rpm_s
     kept[8], kept[9] = gate.line.newest, gate.line.in_force
     kept[10], kept[11], kept[12], kept[13] = (
         turned.rpm,
@@ -85,8 +92,8 @@ def step_drives(
     more: sums of the terms, % and r/min of the shaft, mm of the gate.
     """
     shafts, gates = (
-        Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
-        Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
+        Shaft(*to_fixed_tuple(of_shaft, _SHAFT_FIELD_COUNT)),
+        Gate(*to_fixed_tuple(of_gate, _GATE_FIELD_COUNT)),
     )
     shaft, turned = step_shaft(
         shafts,
@@ -120,10 +127,10 @@ def step_tick(
     flow.
     """
     shafts, gates = (
-        Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
-        Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
+        Shaft(*to_fixed_tuple(of_shaft, _SHAFT_FIELD_COUNT)),
+        Gate(*to_fixed_tuple(of_gate, _GATE_FIELD_COUNT)),
     )
-    flows = Flow(*to_fixed_tuple(of_flow, _OF_FLOW))
+    flows = Flow(*to_fixed_tuple(of_flow, _FLOW_FIELD_COUNT))
     shaft, gate = _unpack_shaft(kept, lines), _unpack_gate(kept, lines)
     hopper = FlowState(kept[14], kept[15], kept[16], kept[17])
     turned, stood = ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13])
@@ -170,7 +177,7 @@ class CompiledDrives:
     rest, under a constant command."""
 
     def __init__(self, shaft: ShaftState, gate: GateState, hopper: FlowState | None = None) -> None:
-        self._kept, self._lines = np.zeros(_KEPT), np.empty((4, LINE_SIZE))
+        self._kept, self._lines = np.zeros(_STATE_COUNT), np.empty((4, LINE_SIZE))
         self._lines[:] = np.array(
             [shaft.line.times_s, shaft.line.values, gate.line.times_s, gate.line.values]
         )
@@ -182,7 +189,7 @@ class CompiledDrives:
             GateOutput(gate.driven_mm, gate.driven_mm),
         )
         if hopper is not None:
-            self._kept[_HOPPER:_SLOPE] = hopper
+            self._kept[_HOPPER_INDEX:_SLOPE_INDEX] = hopper
         self._stages: tuple[Shaft, Gate, Flow | None] | None = None
         self._of_shaft = self._of_gate = self._of_flow = np.empty(0)
 
@@ -253,5 +260,5 @@ class CompiledDrives:
             flow,
             ShaftOutput(kept[10], kept[11]),
             GateOutput(kept[12], kept[13]),
-            FlowState(*kept[_HOPPER:_SLOPE]),
+            FlowState(*kept[_HOPPER_INDEX:_SLOPE_INDEX]),
         )

@@ -14,7 +14,7 @@ from pydantic import Field
 from .effect import Effect
 
 # Number in the effort's unit.
-Part = Annotated[float, Field(ge=0, le=1000)]
+EffortNumber = Annotated[float, Field(ge=0, le=1000)]
 
 
 class Effort(NamedTuple):
@@ -22,17 +22,17 @@ class Effort(NamedTuple):
     drive has no effort."""
 
     # Dry friction in forward rotation, at any speed.
-    coulomb: Part = 0.0
+    coulomb: EffortNumber = 0.0
     # Dry friction in reverse rotation.
-    coulomb_back: Part = 0.0
+    coulomb_back: EffortNumber = 0.0
     # Viscous friction for each r/min forwards.
-    viscous: Part = 0.0
+    viscous: EffortNumber = 0.0
     # Viscous friction for each r/min backwards.
-    viscous_back: Part = 0.0
+    viscous_back: EffortNumber = 0.0
     # Effort for each r/min per second of acceleration.
-    inertia: Part = 0.0
+    inertia: EffortNumber = 0.0
     # Effort for each gram per revolution that the flutes move.
-    load: Part = 0.0
+    load: EffortNumber = 0.0
     # Load factor of material packed before a closed outlet, as a multiple of `load`. The value is
     # an estimate: granules in a closed duct bear several times their weight, and nobody has
     # measured the factor.
@@ -40,15 +40,15 @@ class Effort(NamedTuple):
     # 1 for a duty cycle, which grows as the supply voltage falls.
     by_supply: Annotated[float, Field(ge=0, le=1)] = 0.0
     # Maximum effort of the drive; 0 means unknown.
-    limit: Part = 0.0
-    gate_coulomb: Part = 0.0
-    gate_coulomb_back: Part = 0.0
+    limit: EffortNumber = 0.0
+    gate_coulomb: EffortNumber = 0.0
+    gate_coulomb_back: EffortNumber = 0.0
     # Viscous friction of the gate for each mm/s.
-    gate_viscous: Part = 0.0
-    gate_viscous_back: Part = 0.0
+    gate_viscous: EffortNumber = 0.0
+    gate_viscous_back: EffortNumber = 0.0
     # Effort of the gate for each mm/s per second.
-    gate_inertia: Part = 0.0
-    gate_limit: Part = 0.0
+    gate_inertia: EffortNumber = 0.0
+    gate_limit: EffortNumber = 0.0
     friction_percent: Annotated[
         float,
         Field(ge=0, le=500),
@@ -156,7 +156,7 @@ GATE_EFFORT_PARTS = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_
 
 
 # Components of an effort: dry friction, viscous friction, and acceleration.
-Parts = tuple[float, float, float]
+EffortParts = tuple[float, float, float]
 
 
 class EffortInput(NamedTuple):
@@ -183,7 +183,7 @@ def calc_drive_parts(
     drag_percent: float,
     speed: float,
     speed_per_s: float,
-) -> Parts:
+) -> EffortParts:
     """Returns the components of a drive's own effort.
 
     Friction is the mean of both directions, because their difference is a load in one direction.

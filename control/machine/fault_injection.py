@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from .machine import CATALOGUE, Machine, add_effect
 
-_GRAMMAR = re.compile(
+_EFFECT_PATTERN = re.compile(
     r"(?P<id>[a-z_]+\.[a-z_]+)=(?P<size>[-+0-9.eE]+)(?:@(?P<onset>"
     r"[0-9.eE+]+))?(?:#(?P<member>\d+))?"
 )
@@ -32,7 +32,7 @@ def parse_planted(text: str) -> PlantedEffect:
     ------
     ValueError : in one plain line with the text, the mistake and the allowed values.
     """
-    match = _GRAMMAR.fullmatch(text.strip())
+    match = _EFFECT_PATTERN.fullmatch(text.strip())
     if match is None:
         raise ValueError(
             f"effect {text!r}: not understood: allowed ID=SIZE[@ONSET_S][#MEMBER], e.g. "

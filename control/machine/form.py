@@ -151,9 +151,9 @@ class FormSeries(NamedTuple):
         return self.function(*(by[name] for name in self.over), self.at)
 
 
-Shape = Mapping[str, float]
+FormShape = Mapping[str, float]
 # Weights of the series of each column.
-Columns = tuple[dict[FormSeries, float], ...]
+FormColumns = tuple[dict[FormSeries, float], ...]
 
 
 class WrittenForm(NamedTuple):
@@ -180,8 +180,8 @@ class TriedForm(NamedTuple):
 
     kind: type[TermForm]
     over: tuple[str, ...]
-    shape: Shape
-    columns: Columns
+    shape: FormShape
+    columns: FormColumns
     # Number of such forms that are tried, at different positions or with different memory.
     places: int = 1
 
@@ -190,7 +190,7 @@ class TriedForm(NamedTuple):
         """Returns the penalty that ranks forms in a scan, in twice the log-likelihood."""
         return PRICE_PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
 
-    def change_shape(self, shape: Shape, by: Mapping[str, ScaledVariable]) -> TriedForm:
+    def change_shape(self, shape: FormShape, by: Mapping[str, ScaledVariable]) -> TriedForm:
         """Returns the form with another shape."""
         return self._replace(
             shape=shape, columns=self.kind.make_columns(shape, by[self.over[0]], by[self.over[-1]])
@@ -283,7 +283,7 @@ class TermForm:
         ]
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [{}]
 
     @classmethod
@@ -292,23 +292,33 @@ class TermForm:
         return shapes
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         raise NotImplementedError
 
     @classmethod
-    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
+    def step_shape(cls, shape: FormShape, name: str, steps: float, x: ScaledVariable) -> float:
         """Returns a coefficient of the shape moved by a number of steps."""
         return shape[name] + SHAPE_STEP * steps
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         """Returns the machine file's coefficients for amplitudes `a` and a level."""
         raise NotImplementedError
 
     @classmethod
     def write_form(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> WrittenForm:
         return WrittenForm(cls.form, cls.calc_coefficients(shape, a, level, x, y))

@@ -17,11 +17,11 @@ from .form import (
     ANGLES,
     FORMS,
     SHAFT_ANGLE,
-    Columns,
+    FormColumns,
     FormSeries,
+    FormShape,
     ScaledVariable,
     SentenceNumbers,
-    Shape,
     TermForm,
     TermParams,
     TriedForm,
@@ -62,17 +62,17 @@ DIRECTION_SHARE = 0.1
 ONE_AXIS_SHARE = 0.03
 # Angles from an axis, degrees: up to the first the values along the axis are valid, beyond the
 # second they are not.
-AXIS_HOLDS_DEG = (15.0, 30.0)
+AXIS_VALID_DEG = (15.0, 30.0)
 # Trial numbers of cycles in a full turn.
 CANDIDATE_CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 # Number of trial edges of a span.
-SPAN_EDGES = 24
+SPAN_EDGE_COUNT = 24
 # Number of distinguishable positions of a span's edge, for its prior: some per cent of the log.
-SPAN_PLACES = 100
+SPAN_POSITION_COUNT = 100
 # Number of smooth half-waves that form a table.
-TABLE_WAVES = 4
+TABLE_WAVE_COUNT = 4
 # Maximum remaining share of a memory after the last change.
-FORGETTING_SHARE = 0.2
+MAX_MEMORY_SHARE = 0.2
 
 
 # The following forms are straight lines and bends.
@@ -114,12 +114,17 @@ class SlopeForm(TermForm, form=Form.SLOPE):
         return SentenceNumbers(numbers={"size": abs(size)}, which=int(size <= 0.0))
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return ({FormSeries(make_line_series, (x.name,)): 1.0},)
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {"slope": a[0] / x.spread, "at": x.middle, "level": level}
 
@@ -148,14 +153,19 @@ class BendForm(TermForm, form=Form.BEND):
         )
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return {FormSeries(make_line_series, (x.name,)): 1.0}, {
             FormSeries(make_product_series, (x.name, x.name)): 1.0
         }
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread,
@@ -171,7 +181,7 @@ class _PlacedForm(TermForm):
     needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [{"at": place} for place in x.candidate_places]
 
 
@@ -195,14 +205,19 @@ class HingeForm(_PlacedForm, form=Form.HINGE):
         )
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return {FormSeries(make_line_series, (x.name,)): 1.0}, {
             FormSeries(make_hinge_series, (x.name,), shape["at"]): 1.0
         }
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "below": a[0] / x.spread,
@@ -224,7 +239,12 @@ class _EndedForm(TermForm):
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread,
@@ -259,7 +279,7 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
         return SentenceNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         """Returns shapes between every two positions, and from an end of the range."""
         low, high = x.z_range
         return [
@@ -269,7 +289,7 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
         ]
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         """Returns z limited to the ends, and 0 where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
         return (
@@ -282,7 +302,12 @@ class SaturationForm(_EndedForm, form=Form.SATURATION):
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         low, high = shape["low_end"], shape["high_end"]
         return {
@@ -298,7 +323,7 @@ class LostConstantForm(SaturationForm):
     movable, has_level = (), False
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [{}]
 
     @classmethod
@@ -306,7 +331,7 @@ class LostConstantForm(SaturationForm):
         return 1
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return (
             {
                 FormSeries(
@@ -317,7 +342,12 @@ class LostConstantForm(SaturationForm):
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         least = float(np.min(x.x[x.work], initial=abs(a[0]) + 1e-3))
         end = min(max(abs(a[0]), 1e-3), least)
@@ -343,11 +373,11 @@ class DeadZoneForm(_EndedForm, form=Form.DEAD_ZONE):
         return SentenceNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [{"low_end": a, "high_end": b} for a, b in combinations(x.candidate_places, 2)]
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         low, high = shape["low_end"], shape["high_end"]
         return (
             {
@@ -376,12 +406,17 @@ class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
         return SentenceNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return ({FormSeries(make_beyond_series, (x.name,), shape["at"]): 1.0},)
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {"above": a[0], "at": x.convert_from_z(shape["at"]), "level": level}
 
@@ -433,7 +468,7 @@ class ProductForm(TermForm, form=Form.PRODUCT):
         ]
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         alone = (x, y)[: int(shape.get("alone", 0.0))]
         return (
             *({FormSeries(make_line_series, (v.name,)): 1.0} for v in alone),
@@ -442,7 +477,12 @@ class ProductForm(TermForm, form=Form.PRODUCT):
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         """Returns the coefficients with the square completed; the constant is subtracted from
         the level."""
@@ -492,13 +532,13 @@ class MemoryForm(TermForm, form=Form.MEMORY):
     def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
         now, late = c.get("slope", 0.0), c["bend"]
-        forgets = abs(now + late) < FORGETTING_SHARE * max(abs(now), abs(late))
+        forgets = abs(now + late) < MAX_MEMORY_SHARE * max(abs(now), abs(late))
         return SentenceNumbers(
             {"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets)
         )
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [
             {"tau_s": tau_s, "alone": float(alone)}
             for tau_s in CANDIDATE_MEMORIES_S
@@ -510,17 +550,22 @@ class MemoryForm(TermForm, form=Form.MEMORY):
         return len(CANDIDATE_MEMORIES_S)
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         late = {FormSeries(make_memory_series, (x.name,), shape["tau_s"]): 1.0}
         return ({FormSeries(make_line_series, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
 
     @classmethod
-    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
+    def step_shape(cls, shape: FormShape, name: str, steps: float, x: ScaledVariable) -> float:
         return float(shape[name] * 2.0**steps)
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread if len(a) > 1 else 0.0,
@@ -566,16 +611,21 @@ class SideForm(TermForm, form=Form.SIDE):
         )
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         return [{"tau_s": tau_s} for tau_s in DIRECTION_TAUS_S]
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return ({FormSeries(make_direction_series, (x.name,), shape["tau_s"]): 1.0},)
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "above": a[0],
@@ -616,7 +666,7 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
         return SentenceNumbers(numbers={"size": size, "count": c["cycles"]})
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
         """Returns trial numbers of cycles.
 
         Where all angles are on one axis (up and down a field), sine and cosine cannot be separated.
@@ -630,7 +680,7 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
         return [{"cycles": float(n)} for n in CANDIDATE_CYCLES[x.name]]
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         first, second = (
             FormSeries(make_sine_series, (x.name,), shape["cycles"]),
             FormSeries(make_cosine_series, (x.name,), shape["cycles"]),
@@ -641,13 +691,23 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {"cycles": shape["cycles"], "sine": a[0], "cosine": a[1], "level": level}
 
     @classmethod
     def write_form(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> WrittenForm:
         """Writes a cycle along one axis as a table over the headings 0 to 360: the values along
         the axis in both directions, and the level in other directions."""
@@ -657,14 +717,14 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
         return WrittenForm(Form.TABLE, {}, nodes, [level + a[0] * value for value in values])
 
 
-def calc_axis_deg(shape: Shape) -> float:
+def calc_axis_deg(shape: FormShape) -> float:
     return float(np.degrees(np.arctan2(shape["sine"], shape["cosine"])))
 
 
 def make_two_way_table(axis: float) -> tuple[list[float], list[float]]:
     """Returns a table over the headings 0 to 360: 1 along an axis (degrees), -1 in the opposite
     direction, 0 across."""
-    inner, outer = AXIS_HOLDS_DEG
+    inner, outer = AXIS_VALID_DEG
     half_turns = int((axis + outer) // 180.0)
     # The range is -outer to 180 - outer, so that the direction through north comes first, if there
     # is one.
@@ -716,16 +776,16 @@ class SpanForm(TermForm, form=Form.SPAN):
         )
 
     @classmethod
-    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
-        edges = np.linspace(float(x.x[0]), float(x.x[-1]), SPAN_EDGES + 1)[1:-1]
+    def list_shapes(cls, x: ScaledVariable) -> list[FormShape]:
+        edges = np.linspace(float(x.x[0]), float(x.x[-1]), SPAN_EDGE_COUNT + 1)[1:-1]
         return [{"low_end": float(a), "high_end": float(b)} for a, b in combinations(edges, 2)]
 
     @classmethod
     def count_places(cls, x: ScaledVariable, shapes: int) -> int:
-        return SPAN_PLACES**2
+        return SPAN_POSITION_COUNT**2
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return (
             {
                 FormSeries(make_since_series, (x.name,), shape["low_end"]): 1.0,
@@ -734,12 +794,17 @@ class SpanForm(TermForm, form=Form.SPAN):
         )
 
     @classmethod
-    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
-        return shape[name] + 0.5 * float(np.ptp(x.x)) / SPAN_EDGES * steps
+    def step_shape(cls, shape: FormShape, name: str, steps: float, x: ScaledVariable) -> float:
+        return shape[name] + 0.5 * float(np.ptp(x.x)) / SPAN_EDGE_COUNT * steps
 
     @classmethod
     def calc_coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> dict[str, float]:
         return {
             "low_end": shape["low_end"],
@@ -773,21 +838,26 @@ class TableForm(TermForm, form=Form.TABLE):
 
     @classmethod
     def count_places(cls, x: ScaledVariable, shapes: int) -> int:
-        return TABLE_WAVES
+        return TABLE_WAVE_COUNT
 
     @classmethod
-    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+    def make_columns(cls, shape: FormShape, x: ScaledVariable, y: ScaledVariable) -> FormColumns:
         return tuple(
             {FormSeries(make_wave_series, (x.name,), float(n)): 1.0}
-            for n in range(1, TABLE_WAVES + 1)
+            for n in range(1, TABLE_WAVE_COUNT + 1)
         )
 
     @classmethod
     def write_form(
-        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+        cls,
+        shape: FormShape,
+        a: Sequence[float],
+        level: float,
+        x: ScaledVariable,
+        y: ScaledVariable,
     ) -> WrittenForm:
         (low, high), share = x.z_range, np.linspace(0.0, 1.0, MAX_TABLE_NODES)
-        waves = np.array([np.cos(np.pi * n * share) for n in range(1, TABLE_WAVES + 1)])
+        waves = np.array([np.cos(np.pi * n * share) for n in range(1, TABLE_WAVE_COUNT + 1)])
         return WrittenForm(
             Form.TABLE,
             {},

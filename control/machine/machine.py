@@ -20,7 +20,7 @@ from .scale import Scale
 from .sections import MAX_SECTIONS, Section, SectionStrip, find_section_fault, make_section_strips
 from .shaft import Shaft
 from .speed import Speed
-from .terms import OLD_NOTE, Number, Term
+from .terms import OLD_TABLE_NOTE, Number, Term
 
 STAGES: dict[str, Any] = {
     "shaft": Shaft,
@@ -275,18 +275,20 @@ class Machine(FrozenModel):
     @property
     def is_tube_measured(self) -> bool:
         """Returns whether the air stream's share of the pace in the tube was measured."""
-        return self.tolerance.carried_share <= SETTLED_TUBE_SD
+        return self.tolerance.carried_share <= MAX_MEASURED_TUBE_SD
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Returns remarks on a valid file."""
         return tuple(
-            f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE
+            f"term {term.id} {OLD_TABLE_NOTE}"
+            for term in self.terms
+            if term.source.note == OLD_TABLE_NOTE
         )
 
 
 # Maximum tolerance of the carried share for the tube to count as measured.
-SETTLED_TUBE_SD = 0.2
+MAX_MEASURED_TUBE_SD = 0.2
 # Machine with all defaults; not validated, because validation needs this constant.
 NOMINAL_MACHINE = Machine.model_construct()
 

@@ -392,7 +392,7 @@ def step_first_order(
     return wanted + (value - wanted) * exp(-left_s / tau_s)
 
 
-def swing_freely(
+def solve_free_response(
     x: float, v: float, tau_s: float, second_s: float, t: float
 ) -> tuple[float, float]:
     """Returns the solution of tau second x'' + tau x' + x = 0 after t from x, v; exact at any
@@ -463,7 +463,7 @@ def find_free_time_s(
     if swings:
         end_s = min(end_s, find_next_zero_s(v, pull, tau_s, second_s))
     low, high = 0.0, end_s
-    x_end, v_end = swing_freely(x, v, tau_s, second_s, end_s)
+    x_end, v_end = solve_free_response(x, v, tau_s, second_s, end_s)
     if abs(v_end) <= fastest_per_s * (1.0 + ROUNDING_TOLERANCE) and x_end >= -room * (
         1.0 + ROUNDING_TOLERANCE
     ):
@@ -471,7 +471,7 @@ def find_free_time_s(
         return end_s if swings else left_s
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
-        x_end, v_end = swing_freely(x, v, tau_s, second_s, middle)
+        x_end, v_end = solve_free_response(x, v, tau_s, second_s, middle)
         if abs(v_end) > fastest_per_s or x_end < -room:
             high = middle
         else:
@@ -511,7 +511,7 @@ def step_second_order(
             x, v, left_s = x + way * fastest_per_s * ramp_s, way * fastest_per_s, left_s - ramp_s
             continue
         free_s = find_free_time_s(x, v, tau_s, second_s, fastest_per_s, room, left_s)
-        x, v = swing_freely(x, v, tau_s, second_s, free_s)
+        x, v = solve_free_response(x, v, tau_s, second_s, free_s)
         v, left_s = min(fastest_per_s, max(-fastest_per_s, v)), left_s - free_s
         if x < -room:
             x, v = -room, 0.0

@@ -16,10 +16,10 @@ MAX_MODEL_STEP_S = 0.0125
 # Minimum number of model steps in a row.
 MIN_STEPS_PER_ROW = 4
 
-Run = Callable[..., npt.NDArray[np.float64]]
+StageRun = Callable[..., npt.NDArray[np.float64]]
 
 
-def make_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
+def make_stage_run(step: Callable[..., Any], exact: bool = False) -> StageRun:
     """Returns `run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`,
     interpreted.
 
@@ -33,7 +33,7 @@ def make_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
     return allocate_output(make_fill(step, exact))
 
 
-def allocate_output(fill: Callable[..., None]) -> Run:
+def allocate_output(fill: Callable[..., None]) -> StageRun:
     """Returns the run of `make_fill` that allocates its own output array."""
 
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
@@ -75,7 +75,7 @@ def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
     return rows
 
 
-def make_map_run(reads: Callable[..., float]) -> Run:
+def make_map_run(reads: Callable[..., float]) -> StageRun:
     """Returns `run(params, rows) -> (rows,)` for stages without memory."""
 
     def run(params, rows):  # type: ignore[no-untyped-def]

@@ -75,7 +75,7 @@ def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     If the stream carries everything, the first granule leaves as the shaft starts to turn, and the
     stream behind carries it along while the shaft accelerates. Otherwise a granule of the faster
     shaft may overtake the first. With the parameters of `fall` for the additional time of a start
-    the result equals `find_start_drop_time`, within 4 ms from 10 to 70 r/min.
+    the result equals `find_start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(DETECTION_RPM, 0.5 * shaft_rpm), 0.0
@@ -116,9 +116,9 @@ def set_carried_share(machine: Machine, carried_share: float) -> Machine:
 
 def refit_start(machine: Machine) -> Machine:
     """Returns the machine with the running shaft's drop time fitted so that its starts equal
-    `find_start_drop_time`.
+    `find_start_drop_s`.
 
-    The fit is least squares of `find_first_fall_time` over the line's range, by Gauss-Newton.
+    The fit is least squares of `find_first_fall_s` over the line's range, by Gauss-Newton.
     """
     parts = (
         ("start_more_per_rpm",)

@@ -66,12 +66,12 @@ class TermSums:
                 more[acts_on] += value
         return TermTotals(**more)
 
-    def freeze_terms(self, values: Mapping[str, float]) -> StandingTerms:
+    def freeze_terms(self, values: Mapping[str, float]) -> FrozenTerms:
         """Returns the terms in their present state, for evaluation at other set-points."""
-        return StandingTerms(tuple(self._terms), tuple(self._states), dict(values))
+        return FrozenTerms(tuple(self._terms), tuple(self._states), dict(values))
 
 
-class StandingTerms(NamedTuple):
+class FrozenTerms(NamedTuple):
     """Holds terms under constant conditions, with their sums at given set-points, for the
     inverse of the model."""
 

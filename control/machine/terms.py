@@ -301,7 +301,7 @@ _OLD_TABLES = {
     "heads": ("table_percent", None),
     "fall": ("table_s", None),
 }
-OLD_NOTE = "was a table in an older machine file (tables_over)"
+OLD_TABLE_NOTE = "was a table in an older machine file (tables_over)"
 
 
 def convert_old_tables(data: dict[str, Any]) -> dict[str, Any]:
@@ -332,7 +332,7 @@ def convert_old_tables(data: dict[str, Any]) -> dict[str, Any]:
                     "over": [{"name": named[stage]}],
                     "nodes": list(nodes),
                     "values": list(values),
-                    "source": {"note": OLD_NOTE},
+                    "source": {"note": OLD_TABLE_NOTE},
                 }
             )
     return {**data, "terms": [*(data.get("terms") or ()), *found]} if found else data

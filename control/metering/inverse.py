@@ -10,7 +10,7 @@ from typing import NamedTuple
 from topdress.control.machine.flow import Flow, calc_common_factor, calc_grams_per_rev
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import Shaft
-from topdress.control.machine.term_sums import StandingTerms
+from topdress.control.machine.term_sums import FrozenTerms
 from topdress.control.machine.terms import TermTarget
 
 FLOW_TARGETS = (TermTarget.FLOW_PERCENT, TermTarget.FLOW_KG_MIN)
@@ -37,7 +37,7 @@ class Conditions(NamedTuple):
     # The scale's correction factor of the flow model.
     flow_trim: float = 1.0
     # Terms of the machine file that control can evaluate.
-    terms: StandingTerms | None = None
+    terms: FrozenTerms | None = None
     # Value of `calc_conditions_factor` for these conditions, where it is calculated once for many
     # set-points.
     common: float | None = None
@@ -100,7 +100,7 @@ def find_opening_mm(
 
 
 def _find_opening_with_terms(
-    machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions, terms: StandingTerms
+    machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions, terms: FrozenTerms
 ) -> float:
     """Returns the opening with terms that affect the flow, mm: the terms are evaluated again
     until the opening converges."""

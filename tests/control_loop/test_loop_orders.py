@@ -6,7 +6,12 @@ from typing import Any
 
 import pytest
 from topdress.control.geodesy import TangentPlane
-from topdress.control.loop.events import EVENT_CHARACTERS, MAX_WAITING, ROW_CHARACTERS, EventQueue
+from topdress.control.loop.events import (
+    MAX_EVENT_LETTERS,
+    MAX_ROW_LETTERS,
+    MAX_WAITING_EVENTS,
+    EventQueue,
+)
 from topdress.control.orders import Do, Order
 from topdress.control.readings import GnssFix, Measurements, Reading
 from topdress.control.sensing import Sensing
@@ -248,7 +253,7 @@ def test_what_one_row_cannot_hold_waits_for_the_next():
     while found := events.take_row_events():
         rows.append(found)
     assert [event for row in rows for event in row] == given
-    assert max(len(";".join(row)) for row in rows) <= ROW_CHARACTERS
+    assert max(len(";".join(row)) for row in rows) <= MAX_ROW_LETTERS
     assert len(rows) == 232
 
 
@@ -256,15 +261,15 @@ def test_one_event_is_no_longer_than_a_mark():
     events = EventQueue()
     events.add_events("mark " + "x" * 50_000)
     (found,) = events.take_row_events()
-    assert len(found) == EVENT_CHARACTERS and found.endswith("...")
+    assert len(found) == MAX_EVENT_LETTERS and found.endswith("...")
 
 
 def test_of_more_than_can_wait_the_number_is_kept():
     events = EventQueue()
-    events.add_events(*(["nudge 5"] * (MAX_WAITING + 17)))
+    events.add_events(*(["nudge 5"] * (MAX_WAITING_EVENTS + 17)))
     assert events.is_full
     found = []
     while row := events.take_row_events():
         found += row
-    assert found == ["nudge 5"] * MAX_WAITING + ["events_left_out 17"]
+    assert found == ["nudge 5"] * MAX_WAITING_EVENTS + ["events_left_out 17"]
     assert not events.is_full and events.take_row_events() == []

@@ -35,7 +35,12 @@ from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import Noise, calc_coefficients, make_series
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import TriedForm
-from topdress.control.machine.forms import SPAN_PLACES, LostConstantForm, PeriodicForm, SpanForm
+from topdress.control.machine.forms import (
+    SPAN_POSITION_COUNT,
+    LostConstantForm,
+    PeriodicForm,
+    SpanForm,
+)
 from topdress.control.machine.term_sums import sum_over_log
 from topdress.control.machine.terms import (
     TARGET_STAGES,
@@ -200,7 +205,7 @@ def find_best_span(
                 ("time_s",),
                 shape,
                 SpanForm.make_columns(shape, time, time),
-                SPAN_PLACES**2,
+                SPAN_POSITION_COUNT**2,
             )
             found.append(_verify_term(given, FormCandidate(acts, span), given.noise))
     return max(found, key=lambda one: one.worth, default=None)
