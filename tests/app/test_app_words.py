@@ -138,7 +138,7 @@ def test_every_text_is_translated_and_keeps_its_values(language):
 def test_the_refusals_of_a_prescription_are_found():
     """Of each reader at least one: a new way of refusing may not slip by the test above."""
     assert {
-        "stated_units.py",
+        "map_choices.py",
         "features.py",
         "csv_zones.py",
         "grid_from_points.py",
