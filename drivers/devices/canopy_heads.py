@@ -11,12 +11,14 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
 from topdress.drivers.plugins import PluginFault, find_plugin
 
 # NDVI is a normalised difference and cannot leave -1 ... 1.
 MIN_NDVI = -1.0
 MAX_NDVI = 1.0
+# Largest difference of NDVI from its reflectances, which heads write with two digits or more.
+MAX_BANDS_ERROR = 0.02
 # Digits are limited so that no line of digits costs more than a short one.
 _NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
 _PRINTABLE = re.compile(rb"[ -~]*")
@@ -34,11 +36,14 @@ class HeadFields(NamedTuple):
     baud: int = 38400
     # The name of the second index: `ndre`, or empty where the owner of the head chooses it.
     index_2_is: str = ""
+    # Fields of the reflectances in near infrared and red, from which the head calculated NDVI.
+    nir: int = 0
+    red: int = 0
 
 
 FIELDS_OF_PROTOCOL: dict[str, HeadFields] = {
     "greenseeker": HeadFields(fields=5, ndvi=3, index_2=4),
-    "acs430": HeadFields(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
+    "acs430": HeadFields(fields=5, ndvi=2, index_2=1, index_2_is="ndre", nir=4, red=5),
     "acs435": HeadFields(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
 }
 
@@ -52,7 +57,7 @@ def find_head_fields(protocol: str) -> HeadFields | None:
     if found is None or found.is_a != HeadFields.__name__:
         return None
     fields = HeadFields(**found.values)
-    if [*map(type, fields)] != [int, int, int, int, str]:
+    if [*map(type, fields)] != [*map(type, HeadFields(1, 1))]:
         raise PluginFault("devices", protocol, f"{fields}: allowed are whole numbers, and a text")
     return fields
 
@@ -109,12 +114,12 @@ class HeadDecoder(LineDecoder[HeadSample]):
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[HeadSample]:
         first, self._first = self._first, False
         if sentence.startswith(b"#"):
-            raise Ignored("comment")
+            raise Foreign("comment")
         try:
             return [self._read_sample(sentence.strip(), time_s)]
         except Rejected:
             if first:
-                raise Ignored("partial_first") from None
+                raise Foreign("partial_first") from None
             raise
 
     def _read_sample(self, line: bytes, time_s: float) -> HeadSample:
@@ -139,4 +144,18 @@ class HeadDecoder(LineDecoder[HeadSample]):
         ndvi, index_2 = values
         if not MIN_NDVI <= ndvi <= MAX_NDVI or abs(index_2) > 100.0:
             raise Rejected("out_of_range")
+        if self._map.nir:
+            agrees = self._agrees_with_bands(ndvi, texts)
+            self.counts.confirmed += agrees
+            self.counts.foreign += not agrees
         return HeadSample(time_s, head, ndvi, index_2 if self._map.index_2 else None)
+
+    def _agrees_with_bands(self, ndvi: float, texts: list[bytes]) -> bool:
+        """Returns whether NDVI is that of the line's own reflectances. A line of another layout
+        with as many fields shows it by its numbers."""
+        bands = [texts[number - 1].strip() for number in (self._map.nir, self._map.red)]
+        if not all(map(_NUMBER.fullmatch, bands)):
+            return False
+        nir, red = map(float, bands)
+        total = nir + red
+        return total > 0.0 and abs((nir - red) / total - ndvi) <= MAX_BANDS_ERROR

@@ -90,6 +90,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         if not line.startswith(b"#"):
             return super()._line(line, time_s)
         self.counts.ignore("comment")
+        self.counts.foreign += 1
         return []
 
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[GnssFix]:

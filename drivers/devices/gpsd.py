@@ -30,6 +30,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
     """
 
     longest = 16384
+    # An idle gpsd sends one banner at the connection.
+    min_recognised = 1
 
     def __init__(self) -> None:
         super().__init__()

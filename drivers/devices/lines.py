@@ -55,6 +55,10 @@ class Counts:
     accepted: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
     ignored: Counter[str] = field(default_factory=Counter)
+    # Sentences that could come from another device, by which the protocol is not recognised.
+    foreign: int = 0
+    # Accepted sentences whose own numbers agree with each other.
+    confirmed: int = 0
 
     def accept(self) -> None:
         """Counts one accepted line."""
@@ -76,6 +80,11 @@ class Counts:
         """Number of rejected lines of all kinds."""
         return sum(self.rejected.values())
 
+    @property
+    def recognised_total(self) -> int:
+        """Number of sentences, used or not, that only this protocol contains."""
+        return self.accepted + sum(self.ignored.values()) - self.foreign
+
 
 class Rejected(ValueError):
     """Reports a wrong sentence, frame or datagram; the argument is the kind under which the fault
@@ -87,6 +96,10 @@ class Ignored(Exception):
     counted."""
 
 
+class Foreign(Ignored):
+    """Reports a valid sentence that another device may have sent, such as a comment."""
+
+
 Output = TypeVar("Output")
 
 
@@ -96,6 +109,8 @@ class Decoder(Generic[Output]):
 
     # The exception that `_said` raises for a wrong sentence.
     wrong: ClassVar[type[Exception]] = Rejected
+    # Number of sentences by which the protocol is recognised on a line.
+    min_recognised: ClassVar[int] = 2
 
     def __init__(self) -> None:
         self.counts = Counts()
@@ -107,6 +122,7 @@ class Decoder(Generic[Output]):
             readings = self._decode_sentence(sentence, time_s)
         except Ignored as kind:
             self.counts.ignore(str(kind))
+            self.counts.foreign += isinstance(kind, Foreign)
             return []
         except self.wrong as kind:
             self.counts.reject(str(kind))

@@ -12,7 +12,7 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import pynmea2
-from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import Foreign, Ignored, Rejected
 
 # Talkers of satellite receivers by constellation. Any other two letters belong to a program or
 # instrument that passes a position on (IN integrated navigation, EC chart display, II, ...); P
@@ -87,9 +87,9 @@ def parse_sentence(sentence: bytes) -> Sentence:
         raise Rejected("malformed")
     talker, kind = address[:2], address[2:]
     if len(address) != 5 or not _TALKER.fullmatch(talker):
-        raise Ignored(address)
+        raise Foreign(address)
     if kind not in MIN_FIELD_COUNT:
-        raise Ignored(kind)
+        raise Ignored(kind) if talker in GNSS_TALKERS else Foreign(kind)
     if rest.count(",") + 1 < MIN_FIELD_COUNT[kind]:
         raise Rejected("malformed")
     try:

@@ -1,5 +1,5 @@
-"""Which device speaks on a line? Every decoder gets the bytes, and the decoder that accepts most
-messages identifies the device.
+"""Which device speaks on a line? Every decoder gets the bytes, and the decoder that recognises most
+messages as its own identifies the device.
 
 A probe only listens: nothing is sent, so that probing can set no drive in motion.
 """
@@ -33,8 +33,8 @@ from topdress.drivers.ports import Clock, Port, escape_unprintable
 PROBE_BAUD_RATES = (115200, 38400, 9600, 57600, 19200, 4800)
 # Listening time for each rate, s: a device with 1 Hz sends at least one message.
 PROBE_LISTEN_S = 1.2
-# Number of accepted messages that identify a device.
-MIN_ACCEPTED_MESSAGES = 2
+# Number of messages after which a probe stops listening.
+ENOUGH_MESSAGES = 4
 
 
 class ProbeFinding(NamedTuple):
@@ -55,11 +55,14 @@ class Decoder(Protocol):
 
     counts: Counts
 
+    @property
+    def min_recognised(self) -> int: ...
+
     def feed(self, data: bytes, time_s: float) -> Sequence[object]: ...
 
 
 def make_decoders() -> dict[str, Decoder]:
-    """Returns a new decoder for every line protocol, the strictest first."""
+    """Returns a new decoder for every line protocol, in any order."""
     return {
         "slave-board/1": SlaveBoard(),
         "lag-rig/1": LagRig(),
@@ -79,28 +82,18 @@ def make_decoders() -> dict[str, Decoder]:
 def recognise_protocol(data: bytes) -> ProbeFinding:
     """Returns the protocol of the bytes received on a line.
 
-    The decoder that accepts most messages is named. Where none accepts any, the decoder that
-    recognises most messages without using them is named, for example for an NMEA receiver without a
-    fix or an idle gpsd. Head layouts with the same number of fields cannot be distinguished; the
-    first is named.
+    The protocol of most sentences is named, used or not: a receiver without a fix and an idle gpsd
+    have a name too. Sentences that another device may have sent do not count. Of two head layouts
+    with as many fields, the layout is named whose numbers agree with each other.
     """
-    best, most = ProbeFinding(), (0, 0)
+    best, most = ProbeFinding(), (0, 0, "")
     for protocol, decoder in make_decoders().items():
         decoder.feed(data, 0.0)
         counts = decoder.counts
-        understood = counts.accepted + sum(
-            times
-            for kind, times in counts.ignored.items()
-            if kind not in ("comment", "partial_first")
-        )
-        enough = MIN_ACCEPTED_MESSAGES if protocol not in ("gpsd",) else 1
-        if (
-            understood >= enough
-            and (counts.accepted, understood) > most
-            and understood > counts.rejected_total
-        ):
-            most = (counts.accepted, understood)
-            best = ProbeFinding(protocol, None, understood, counts.rejected_total)
+        recognised, rejected = counts.recognised_total, counts.rejected_total
+        rank = recognised, counts.confirmed, protocol
+        if recognised >= max(decoder.min_recognised, rejected + 1) and rank > most:
+            best, most = ProbeFinding(protocol, None, recognised, rejected), rank
     return best
 
 
@@ -126,7 +119,7 @@ def probe_port(
                 sleep(0.02)
                 heard += port.read()
                 found = recognise_protocol(heard) if heard.endswith(b"\n") else ProbeFinding()
-                if found.protocol and found.accepted >= 2 * MIN_ACCEPTED_MESSAGES:
+                if found.protocol and found.accepted >= ENOUGH_MESSAGES:
                     break
             state = port.state()
         finally:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 
 from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announceable
-from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 SENTENCE_HEADER = b"PTDSP,"
@@ -35,7 +35,7 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
         if calc_checksum(body) != int(sum_, 16):
             raise Rejected("bad_checksum")
         if not body.startswith(SENTENCE_HEADER):
-            raise Ignored("other_sentence")
+            raise Foreign("other_sentence")
         fields = body[len(SENTENCE_HEADER) :].split(b",")
         if (
             len(fields) % 2 == 0

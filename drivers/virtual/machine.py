@@ -65,12 +65,16 @@ def make_head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> 
     """Returns one sample of one head in the given layout; `head` adds the multiplexed line's
     `H<n>,`.
 
-    The second index repeats the NDVI; fields that the driver does not read are 0.
+    The second index repeats the NDVI, and reflectances give it; other fields are 0.
     """
     fields = ["0"] * layout.fields
     for number in (layout.index_2, layout.ndvi):
         if number:
             fields[number - 1] = f"{ndvi:.3f}"
+    if layout.nir:
+        fields[layout.nir - 1], fields[layout.red - 1] = (
+            f"{(1.0 + sign * ndvi) / 2.0:.4f}" for sign in (1.0, -1.0)
+        )
     prefix = "" if head is None else f"H{head},"
     return f"{prefix}{','.join(fields)}\r\n".encode("ascii")
 

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix, SpeedPlan
 from topdress.drivers.board.framing import seal_frame
+from topdress.drivers.devices import probe
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder
@@ -23,7 +24,9 @@ from topdress.drivers.devices.capture import (
 )
 from topdress.drivers.devices.decode import DECODER_OF_PROTOCOL, decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.nmea import seal_sentence
 from topdress.drivers.devices.probe import (
+    make_decoders,
     probe_port,
     recognise_either,
     recognise_modules,
@@ -321,6 +324,36 @@ HEARD = {
 @pytest.mark.parametrize("protocol", HEARD)
 def test_each_protocol_is_recognised(protocol):
     assert recognise_protocol(HEARD[protocol]).protocol == protocol
+
+
+NAME_OF_CAPTURE = {"gnss": "nmea0183", "board": "slave-board/1"}
+NO_FIX = b"".join(
+    seal_sentence(f"GPGGA,06000{n},,,,,0,00,99.9,,,,,,") + seal_sentence("GPGSV,1,1,00")
+    for n in range(5)
+)
+
+
+@pytest.mark.parametrize("first", make_decoders())
+def test_every_shipped_decoder_is_named_in_any_order(first, monkeypatch):
+    """Lines of a decoder are called by its name, whichever decoder hears them first."""
+    monkeypatch.setattr(
+        probe, "make_decoders", lambda: {first: make_decoders()[first], **make_decoders()}
+    )
+    heard = {
+        NAME_OF_CAPTURE.get(name, name.replace("-multi", " (multiplexed)")): clean(name)
+        for name in DECODER_OF_PROTOCOL
+    }
+    assert {*heard, "lag-rig/1"} == {*make_decoders()}, "a decoder without lines in this test"
+    for name, data in {**heard, **HEARD}.items():
+        assert recognise_protocol(data).protocol == name
+    assert recognise_protocol(NO_FIX).protocol == "nmea0183"
+
+
+def test_reflectances_separate_two_heads_with_as_many_fields():
+    """A GreenSeeker whose fields fit an ACS-430 and the reverse, in shares and in percent."""
+    assert recognise_protocol(b"12.5,0,0.612,0.745,1\r\n" * 4).protocol == "greenseeker"
+    for line in (b"0.25,0.667,0.30,0.50,0.10\r\n", b"0.25,0.667,30.0,50.0,10.0\r\n"):
+        assert recognise_protocol(line * 4).protocol == "acs430"
 
 
 @pytest.mark.parametrize(
