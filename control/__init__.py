@@ -20,6 +20,7 @@ Files:
 - `recordings`: Finds errors in recorded data and repairs them safely, for readers of every kind
 - `safety`: Decides whether material may flow
 - `sensing`: Determines the speed and position that control uses
+- `signals`: Which numbers does a machine sense, command or log?
 - `simulation`: Simulates the control loop with the machine model on an injected clock
 - `targets`: Finds the target of each position
 """

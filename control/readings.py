@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from enum import Enum
 from itertools import pairwise
-from math import isfinite
-from typing import Any, NamedTuple
+from math import inf, isfinite
+from typing import Annotated, Any, NamedTuple
+
+from topdress.control.signals import SIGNALS, Signal, ValidFor, read_signals
 
 # Greatest number of points of a speed plan.
 MAX_ANNOUNCED_POINTS = 200
@@ -56,6 +58,11 @@ class ValvesSeen(NamedTuple):
     open: tuple[bool, ...]
 
 
+# A rate of another display or controller, which no column of the log holds.
+OUTSIDE_RATE_VALID = ValidFor(inf, 2.0)
+OUTSIDE_RATE = Signal("kg/ha", possible=(0.0, 2_000.0), valid_for=OUTSIDE_RATE_VALID)
+
+
 class Measurements(NamedTuple):
     """Holds everything known at one control tick. Values are the newest accepted ones, however
     old (see their time)."""
@@ -98,10 +105,10 @@ class Measurements(NamedTuple):
     # Efforts are in the machine file's unit.
     shaft_effort: Reading | None = None
     gate_effort: Reading | None = None
-    # Rate that another display wants, kg/ha.
-    rate_asked: Reading | None = None
-    # Rate that another controller reports to apply, kg/ha.
-    rate_applied: Reading | None = None
+    # Rate that another display wants.
+    rate_asked: Annotated[Reading | None, OUTSIDE_RATE] = None
+    # Rate that another controller reports to apply.
+    rate_applied: Annotated[Reading | None, OUTSIDE_RATE] = None
 
 
 class SpeedPlan(NamedTuple):
@@ -184,22 +191,17 @@ def find_valid_value(reading: Reading | None, now_s: float, holds_s: float) -> f
     return value if is_reading_fresh(time_s, now_s, holds_s) and isfinite(value) else None
 
 
+_DECLARED = SIGNALS | read_signals(Measurements)
 # Range of each reading on any spreader: far wider than a sensor's own range, which its driver
 # checks.
-POSSIBLE_RANGES: dict[str, tuple[float, float]] = {
-    "wheel_speed_mps": (-100.0, 100.0),
-    "shaft_rpm": (-10_000.0, 10_000.0),
-    "opening_mm": (-1_000.0, 10_000.0),
-    "hopper_kg": (-100_000.0, 100_000.0),
-    "supply_v": (-1_000.0, 1_000.0),
-    "pitch_deg": (-180.0, 180.0),
-    "roll_deg": (-180.0, 180.0),
-    "shaft_effort": (-1_000.0, 1_000.0),
-    "gate_effort": (-1_000.0, 1_000.0),
-    "rate_asked": (0.0, 2_000.0),
-    "rate_applied": (0.0, 2_000.0),
+POSSIBLE_RANGES = {
+    name: possible
+    for name in Measurements._fields
+    if name in _DECLARED and (possible := _DECLARED[name].possible) is not None
 }
-POSSIBLE_NDVI_RANGE = (-100.0, 100.0)
+# Columns of the log that hold the newest reading of a sensor.
+SENSED_COLUMNS = tuple(name for name in POSSIBLE_RANGES if name in SIGNALS)
+POSSIBLE_NDVI_RANGE = SIGNALS["ndvi_1"].possible or (-1.0, 1.0)
 _FIX_NUMBERS = ("hdop", "speed_mps", "heading_deg")
 
 

@@ -11,7 +11,7 @@ Files:
 - `boundary_drive`: Records a field's boundary while the machine drives round the field
 - `braille`: Draws lines in braille characters (2 x 4 dots a cell) from values over time
 - `camera`: Defines the part of the ground that a map shows
-- `channels`: Declares every number of a log row as a channel that the Trends page can plot
+- `channels`: Which channels can the Trends page plot?
 - `common_keys`: Defines the actions that every page offers, with their functions
 - `coverage_raster`: Accumulates applied rate, target
 - `dialogs`: Defines the dialogs that ask before something changes

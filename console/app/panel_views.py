@@ -11,13 +11,14 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from topdress.console.app import frame_words
-from topdress.console.app.units import Units
+from topdress.console.app.units import Units, choose_unit
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 from topdress.control.orders import Alarm, Severity
 from topdress.control.safety import ALARMS
 from topdress.control.safety.limits import SafetyLimits
+from topdress.control.signals import SIGNALS
 
 # Older values, s, are displayed in grey.
 MAX_FRESH_AGE_S = 1.0
@@ -35,6 +36,10 @@ WORK_NOTE_PREFIXES = ("already_spread", "on_headland", "zero_", "limited_")
 ERROR_BAR_SHARE = 0.30
 # A shaft below this speed, r/min, counts as standing; the same limit as in safety.
 MAX_STANDING_RPM = SafetyLimits().shaft_stands_rpm
+
+
+# Numbers that the Run page shows next to its tiles where the machine has them.
+RUN_SIGNALS = {name: one for name, one in SIGNALS.items() if one.is_on_run}
 
 
 class ShownText(NamedTuple):
@@ -526,6 +531,13 @@ def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...
                 + _("mean {rate}").format(rate=units.rate.format_with_name(frame.mean_rate_kg_ha)),
                 old,
             ),
+        ),
+        *(
+            ItemView(
+                _(signal.label), ShownText(choose_unit(signal, units).format_with_name(value), old)
+            )
+            for name, signal in RUN_SIGNALS.items()
+            if (value := getattr(row, name)) is not None
         ),
     )
 

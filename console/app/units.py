@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from topdress.control.signals import Signal
+
 # 1 ha = 10,000 m2.
 M2_PER_HA = 10_000.0
 # Distance from which the long unit is used, m: 10 km, or half a mile because nobody pictures 2640
@@ -108,3 +110,12 @@ IMPERIAL = Units(
 
 # The ids are values of the settings file.
 UNITS = {units.id: units for units in (METRIC, IMPERIAL)}
+
+
+def choose_unit(signal: Signal, units: Units) -> Unit:
+    """Return the unit in which a declared number is shown, one of the units in use or its own."""
+    decimals = signal.shown_decimals
+    if not signal.shown_as:
+        return Unit("°" if signal.unit == "deg" else signal.unit, 1.0, decimals or 0)
+    unit: Unit = getattr(units, signal.shown_as)
+    return unit if decimals is None else unit._replace(decimals=decimals)

@@ -10,10 +10,11 @@ from typing import Any
 
 from topdress.console.locale import N_, _
 from topdress.console.reports.numbers import format_short
-from topdress.control.machine.form import FORMS
+from topdress.control.machine.form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.machine import CATALOGUE, Change
 from topdress.control.machine.term_sums import explain_not_compensated, explain_partly_compensated
-from topdress.control.machine.terms import TARGET_STAGES, VARIABLES, Term, TermTarget, parse_term
+from topdress.control.machine.terms import TARGET_STAGES, Term, TermTarget, parse_term
+from topdress.control.signals import SIGNALS
 from topdress.drivers.plugins import EffectPlugin, list_effects
 
 # Smallest change per unit of a variable that is shown as such.
@@ -27,16 +28,8 @@ STAGE_NAMES = {
     "speed": N_("Wheel speed"),
 }
 VARIABLE_NAMES = {
-    "shaft_rpm": N_("shaft speed"),
-    "opening_mm": N_("opening"),
-    "hopper_kg": N_("hopper level"),
-    "pitch_deg": N_("pitch"),
-    "roll_deg": N_("roll"),
-    "supply_v": N_("supply voltage"),
-    "speed_mps": N_("travel speed"),
-    "heading_deg": N_("heading"),
-    "time_s": N_("time"),
-    "shaft_angle_deg": N_("shaft angle"),
+    **{name: one.term_label for name, one in SIGNALS.items() if one.term_label},
+    SHAFT_ANGLE: N_("shaft angle"),
 }
 REFUSAL_REASONS = (
     # These reasons are those of the machine model.
@@ -165,10 +158,3 @@ def compare_side_by_side(change: Change) -> list[str]:
         for term in change.terms
     ]
     return [*lines, *terms]
-
-
-_unmatched = set(VARIABLE_NAMES) ^ set(VARIABLES)
-if _unmatched:
-    raise RuntimeError(
-        f"variables without words, or words without a variable: {', '.join(sorted(_unmatched))}"
-    )

@@ -14,6 +14,7 @@ from statistics import median
 from typing import NamedTuple
 
 from topdress.control.readings import Reading, is_reading_fresh
+from topdress.control.signals import find_valid_for
 
 # Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 _MAD_TO_SD = 1.4826
@@ -22,8 +23,8 @@ _MAD_TO_SD = 1.4826
 class FusionLimits(NamedTuple):
     """Holds the limits by which heads are dropped and taken back."""
 
-    # Time until a head is silent, s: two and a half periods of heads at 2 Hz.
-    silent_s: float = 1.25
+    # Time until a head is silent, s.
+    silent_s: float = find_valid_for("ndvi_1").control_s
     # Minimum difference of NDVI for a disagreement.
     least_apart: float = 0.08
     robust_sds: float = 4.0

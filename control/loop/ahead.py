@@ -22,7 +22,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.metering.rate_range import find_least_rate_kg_ha
 from topdress.control.orders import TargetSource
-from topdress.control.readings import Measurements, is_reading_fresh
+from topdress.control.readings import OUTSIDE_RATE_VALID, Measurements, is_reading_fresh
 from topdress.control.sensing import Sensed
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead, BoundedProfile
 from topdress.control.targets.canopy import CanopyDecisions, MapAndCanopy, MeanRateHold, RateBounds
@@ -43,7 +43,7 @@ from topdress.control.targets.section_ground import SectionsGround
 CELL_M = 0.2
 # Validity of a rate that another controller reports as applied, s: the same as for a target from
 # such a display.
-APPLIED_VALID_S = 2.0
+APPLIED_VALID_S = OUTSIDE_RATE_VALID.control_s
 DOSE_PROFILE = ConstantProfile(Target(0.0, TargetSource.POINT))
 
 

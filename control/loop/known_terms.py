@@ -13,12 +13,13 @@ from topdress.control.machine.term_sums import (
     TermTotals,
     explain_not_compensated,
 )
-from topdress.control.machine.terms import TermTarget
-from topdress.control.readings import DriveCommand, Measurements, Reading
+from topdress.control.machine.terms import VARIABLES, TermTarget
+from topdress.control.readings import SENSED_COLUMNS, DriveCommand, Measurements, Reading
 from topdress.control.sensing import Sensed
 
 DRIVE_TARGETS = (TermTarget.SHAFT_PERCENT, TermTarget.SHAFT_RPM, TermTarget.GATE_MM)
 SCALE_TARGETS = (TermTarget.SCALE_KG,)
+_SENSED_VARIABLES = tuple(name for name in SENSED_COLUMNS if name in VARIABLES)
 
 
 class KnownTerms:
@@ -45,15 +46,8 @@ class KnownTerms:
             return
         values = {
             name: reading.value
-            for name, reading in (
-                ("shaft_rpm", m.shaft_rpm),
-                ("opening_mm", m.opening_mm),
-                ("hopper_kg", m.hopper_kg),
-                ("pitch_deg", m.pitch_deg),
-                ("roll_deg", m.roll_deg),
-                ("supply_v", m.supply_v),
-            )
-            if reading is not None
+            for name in _SENSED_VARIABLES
+            if (reading := getattr(m, name)) is not None
         }
         values |= {
             name: value

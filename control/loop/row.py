@@ -4,12 +4,23 @@ tick.
 
 from __future__ import annotations
 
+from typing import Any
+
 from topdress.control.log_row import GNSS_VALID_FOR_S, VALID_FOR_S, LogRow
 from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
 from topdress.control.orders import CANOPY_SOURCES, Strategy, TargetSource
-from topdress.control.readings import DriveCommand, Measurements, find_valid_value
+from topdress.control.readings import (
+    SENSED_COLUMNS,
+    DriveCommand,
+    Measurements,
+    find_valid_value,
+)
 from topdress.control.safety import Verdict
 
+# Columns that hold the newest reading of a sensor, with the time for which they hold it.
+_SENSED_VALID_FOR_S: tuple[tuple[Any, float], ...] = tuple(
+    (name, VALID_FOR_S[name]) for name in SENSED_COLUMNS
+)
 HEAD_SILENT_S = VALID_FOR_S["ndvi_1"]
 # Empty cells for six heads and their decided NDVI.
 _SILENT_CELLS = (None,) * 7
@@ -50,10 +61,7 @@ def make_log_row(
         satellites=fix.satellites if fix else None,
         hdop=fix.hdop if fix else None,
         heading_deg=fix.heading_deg if fix else None,
-        pitch_deg=find_valid_value(m.pitch_deg, now_s, VALID_FOR_S["pitch_deg"]),
-        roll_deg=find_valid_value(m.roll_deg, now_s, VALID_FOR_S["roll_deg"]),
         speed_mps=fix.speed_mps if fix else None,
-        wheel_speed_mps=find_valid_value(m.wheel_speed_mps, now_s, VALID_FOR_S["wheel_speed_mps"]),
         speed_used_mps=sensed.speed_mps,
         ndvi_1=ndvi[0],
         ndvi_2=ndvi[1],
@@ -65,12 +73,8 @@ def make_log_row(
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
         shaft_rpm_cmd=command.shaft_rpm,
-        shaft_rpm=find_valid_value(m.shaft_rpm, now_s, VALID_FOR_S["shaft_rpm"]),
         opening_mm_cmd=command.opening_mm,
-        opening_mm=find_valid_value(m.opening_mm, now_s, VALID_FOR_S["opening_mm"]),
-        hopper_kg=find_valid_value(m.hopper_kg, now_s, VALID_FOR_S["hopper_kg"]),
         flow_trim=metered.trim,
-        supply_v=find_valid_value(m.supply_v, now_s, VALID_FOR_S["supply_v"]),
         applied_rate_kg_ha=metered.rate_kg_ha,
         lag_s=total_s,
         lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
@@ -81,8 +85,6 @@ def make_log_row(
         alarms=";".join([alarm.id for alarm in verdict.alarms]) or None,
         events=";".join(events) or None,
         speed_told=speed_told,
-        shaft_effort=find_valid_value(m.shaft_effort, now_s, VALID_FOR_S["shaft_effort"]),
-        gate_effort=find_valid_value(m.gate_effort, now_s, VALID_FOR_S["gate_effort"]),
         ndre_1=ndre[0],
         ndre_2=ndre[1],
         ndre_3=ndre[2],
@@ -91,6 +93,10 @@ def make_log_row(
         ndre_6=ndre[5],
         ndre=ndre[6],
         sections_cmd=";".join([str(int(on)) for on in command.valves]) or None,
+        **{
+            name: find_valid_value(getattr(m, name), now_s, valid_s)
+            for name, valid_s in _SENSED_VALID_FOR_S
+        },
     )
 
 

@@ -18,6 +18,7 @@ from .term_step import TermState, step_term
 from .terms import (
     COMMANDED_MM,
     COMMANDED_RPM,
+    VARIABLES,
     Term,
     TermTarget,
     list_needed_values,
@@ -195,14 +196,4 @@ def explain_partly_compensated(term: Term) -> str:
     return ""
 
 
-KNOWN_TO_CONTROL = (
-    "shaft_rpm",
-    "opening_mm",
-    "hopper_kg",
-    "pitch_deg",
-    "roll_deg",
-    "supply_v",
-    "speed_mps",
-    "heading_deg",
-    "time_s",
-)
+KNOWN_TO_CONTROL = tuple(name for name in VARIABLES if name != SHAFT_ANGLE)

@@ -16,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 from topdress.control.frozen_model import FrozenModel
+from topdress.control.signals import SIGNALS
 
 from .elements import Table
 from .form import FORMS, SHAFT_ANGLE, TermParams
@@ -65,15 +66,7 @@ TARGET_UNITS = {
 # Recorded variables with their units. For its own stage a term uses the command that the drive
 # follows at that time; the shaft's angle counts from the start of the run.
 VARIABLES = {
-    "shaft_rpm": "r/min",
-    "opening_mm": "mm",
-    "hopper_kg": "kg",
-    "pitch_deg": "deg",
-    "roll_deg": "deg",
-    "supply_v": "V",
-    "speed_mps": "m/s",
-    "heading_deg": "deg",
-    "time_s": "s",
+    **{name: one.unit for name, one in SIGNALS.items() if one.term_label},
     SHAFT_ANGLE: "deg",
 }
 

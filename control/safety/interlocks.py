@@ -13,7 +13,8 @@ from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Allowances
 from topdress.control.safety.motion import Motion, is_awaiting_course
 from topdress.control.safety.sensor_validity import ValidReadings
-from topdress.control.safety.words import N_, Situation
+from topdress.control.safety.words import Situation
+from topdress.control.signals import N_
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(
     {

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from math import isfinite
 
+from topdress.control.signals import find_valid_for
+
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
@@ -37,7 +39,7 @@ class SafetyLimits:
     # Both speeds silent this long leads to held.
     speed_silent_s: float = 2.0
     # An older wheel reading is not used.
-    wheel_silent_s: float = 0.8
+    wheel_silent_s: float = find_valid_for("wheel_speed_mps").safety_s
     # GNSS above this speed while the wheel stands is a wheel fault.
     wheel_fault_speed_mps: float = 0.5
     # The fault must last this long: a GNSS speed arrives up to 1 s late.
@@ -53,17 +55,17 @@ class SafetyLimits:
     course_speed_mps: float = 0.2
     # Time after which a drive is silent, s. GNSS is silent after the larger of a time and a number
     # of epochs.
-    drive_silent_s: float = 0.5
-    gnss_silent_s: float = 0.5
+    drive_silent_s: float = find_valid_for("shaft_rpm").safety_s
+    gnss_silent_s: float = find_valid_for("lat_deg").safety_s
     gnss_silent_periods: float = 2.5
     # A longer observed period counts as this.
     gnss_period_max_s: float = 2.0
-    ndvi_silent_s: float = 2.0
+    ndvi_silent_s: float = find_valid_for("ndvi_1").safety_s
     heads_min: int = 4
     # Dense wheat reads 0.93 at most: when all heads read more, they are covered or wet.
     heads_full_ndvi: float = 0.95
     heads_full_s: float = 2.0
-    scale_silent_s: float = 2.0
+    scale_silent_s: float = find_valid_for("hopper_kg").safety_s
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
     # Speed below which a shaft stands, r/min: six standard deviations of the nominal encoder's 0.3

@@ -17,14 +17,9 @@ from topdress.control.readings import (
     ScaleFinding,
     SpeedDoubt,
 )
+from topdress.control.signals import N_
 
 Details = tuple[tuple[str, str | float], ...]
-
-
-def N_(message: str) -> str:
-    """Marks an English source string for translation; the console translates it when it is
-    shown."""
-    return message
 
 
 # The drives have power in these states.

@@ -30,12 +30,13 @@ from topdress.control.sensing.position_gate import (
 from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
 from topdress.control.sensing.speed_check import SLIP_RANGE, SpeedCheck
 from topdress.control.sensing.walk_watch import Velocity
+from topdress.control.signals import find_valid_for
 
 # Time constant of the first-order filter `ratio`, by which GNSS corrects the wheel, s. Slip comes
 # in bursts of some 20 s.
 RATIO_TAU_S = 3.0
 # A wheel speed is valid for this long, s.
-WHEEL_VALID_S = 0.5
+WHEEL_VALID_S = find_valid_for("wheel_speed_mps").control_s
 # Without a wheel pulse for this long, s, the machine stands.
 NO_PULSE_STANDSTILL_S = 0.8
 # While both speeds are silent the last speed is held for this long, s.

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from topdress.control.loop import ControlLoop, Tick
 from topdress.control.machine.elements import Array
 from topdress.control.orders import Do, Order, State
-from topdress.control.readings import DriveCommand, Measurements, Reading, ValvesSeen
+from topdress.control.readings import (
+    SENSED_COLUMNS,
+    DriveCommand,
+    Measurements,
+    Reading,
+    ValvesSeen,
+)
 from topdress.control.targets.lag_correction import FiredChange
 
 from .canopy import HeadRow
@@ -27,24 +33,20 @@ class MeasurementHold:
     def take_readings(self, s: SensorReadings) -> Measurements:
         t = s.time_s
         ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
+        readings: dict[str, Any] = {
+            name: None if (value := getattr(s, name)) is None else Reading(value, t)
+            for name in SENSED_COLUMNS
+        }
         self._now = Measurements(
             t,
             s.gnss or self._now.gnss,
-            Reading(s.wheel_mps, t),
-            ndvi,
-            Reading(s.shaft_rpm, t),
-            Reading(s.opening_mm, t),
-            Reading(s.hopper_kg, t),
-            Reading(s.supply_v, t),
-            Reading(s.pitch_deg, t),
-            Reading(s.roll_deg, t),
-            s.work_switch,
+            ndvi=ndvi,
+            work_switch=s.work_switch,
             plants=s.plants,
             speed_told=s.speed_told or self._now.speed_told,
             canopy_index=s.canopy_index,
             valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open),
-            shaft_effort=None if s.shaft_effort is None else Reading(s.shaft_effort, t),
-            gate_effort=None if s.gate_effort is None else Reading(s.gate_effort, t),
+            **readings,
         )
         return self._now
 

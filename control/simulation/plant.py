@@ -60,7 +60,7 @@ class SensorReadings(NamedTuple):
 
     time_s: float
     gnss: GnssFix | None
-    wheel_mps: float
+    wheel_speed_mps: float
     wheel_pulses: int
     ndvi: tuple[float, ...] | None
     shaft_rpm: float

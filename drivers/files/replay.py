@@ -16,30 +16,24 @@ A log row holds values without the times at which they were sampled. These times
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import GNSS_VALID_FOR_S, HEAD_COLUMNS, NDRE_COLUMNS, VALID_FOR_S
 from topdress.control.orders import TargetSource
-from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, parse_announcement
+from topdress.control.readings import (
+    SENSED_COLUMNS,
+    GnssFix,
+    Measurements,
+    Reading,
+    SpeedPlan,
+    parse_announcement,
+)
 from topdress.drivers.files.read_log import RunLog
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# The order is that of the loop's measurements.
-SENSOR_COLUMNS = (
-    "wheel_speed_mps",
-    "shaft_rpm",
-    "opening_mm",
-    "hopper_kg",
-    "supply_v",
-    "pitch_deg",
-    "roll_deg",
-    "shaft_effort",
-    "gate_effort",
-)
 
 # Columns of a fix besides its position.
 _GNSS_COLUMNS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
@@ -73,7 +67,7 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
     wheel = "speed_mps" if stands_for_wheel else "wheel_speed_mps"
     sensors = [
         _find_readings(log, wheel if name == "wheel_speed_mps" else name, name)
-        for name in SENSOR_COLUMNS
+        for name in SENSED_COLUMNS
     ]
     switch = [
         None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
@@ -95,30 +89,22 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
         targets,
         strict=True,
     ):
-        wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
         # An announcement stays valid until the next one.
         announced = (parse_announcement(text, at_s) if text else None) or announced
         # NaN is not equal to itself, so this also excludes rows without a target.
         asked = (
             Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
         )
+        readings: dict[str, Any] = dict(zip(SENSED_COLUMNS, held, strict=True))
         yield Measurements(
             at_s,
             fix,
-            wheel_mps,
-            ndvi,
-            shaft,
-            opening,
-            hopper,
-            supply,
-            pitch,
-            roll,
-            work,
+            ndvi=ndvi,
+            work_switch=work,
             speed_told=announced,
             canopy_index=index,
-            shaft_effort=efforts[0],
-            gate_effort=efforts[1],
             rate_asked=asked,
+            **readings,
         )
 
 

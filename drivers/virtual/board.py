@@ -21,17 +21,6 @@ from topdress.drivers.devices.board_frames import (
 )
 from topdress.drivers.devices.lines import Counts
 
-STATUS_SENSOR_FIELDS = (
-    "hopper_kg",
-    "supply_v",
-    "pitch_deg",
-    "roll_deg",
-    "work_switch",
-    "shaft_effort",
-    "gate_effort",
-    "opening_mm",
-)
-
 # Counts of the real encoder per turn of the shaft; the board uses the number in its settings
 # instead.
 TRUE_COUNTS_PER_TURN = 2000.0
@@ -52,7 +41,9 @@ class _PlantPins(Pins):
             ("driver_fault", driver_fault),
             *(
                 (name, lambda name=name: getattr(self.sensed, name))
-                for name in STATUS_SENSOR_FIELDS
+                # A board's sensors have the names of the plant's.
+                for name in SensorReadings._fields
+                if hasattr(Pins, name) and name not in vars(_PlantPins)
             ),
         ):
             setattr(self, name, tells)

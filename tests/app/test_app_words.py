@@ -38,7 +38,8 @@ def marked() -> dict[str, str]:
     """Every text in `_()` or `N_()` of the app and of the words that it shares with reports,
     with its file."""
     texts = {}
-    for path in sorted([*APP.rglob("*.py"), *(APP.parent / "reports").rglob("*.py")]):
+    sources = [*APP.rglob("*.py"), *(APP.parent / "reports").rglob("*.py")]
+    for path in sorted([*sources, APP.parents[1] / "control" / "signals.py"]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if (
                 isinstance(node, ast.Call)
