@@ -31,6 +31,8 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
 
+# Type checking only: numpy and the fits load in the commands that use them, so `topdress --help`
+# stays quick.
 if TYPE_CHECKING:
     from topdress.control.calibration.flow_fit import FlowFit
     from topdress.control.calibration.heads_check import HeadsFit
@@ -81,10 +83,13 @@ def calibrate_catch(
     from topdress.control.calibration.flow_fit import fit_flow
     from topdress.drivers.files.bench_table import read_bench_table
 
+    # All checks precede the fit, so that no minute of work ends in an output that cannot be
+    # written.
     _refuse_no_table(data, out, "calibrate catch")
     loaded = _load_first_machine(data, out, machine, force)
     day = _parse_date(date)
     fitted, flow = fit_flow(read_bench_table(data, "catch"), loaded, date=day.isoformat())
+    # The printed table is made only in the text form; `--json` prints the fit's fields instead.
     _print_fit(flow, lambda: _print_flow_fit(flow, loaded), as_json)
     if product is None:
         _save_machine(fitted, data, out, as_json)
@@ -94,6 +99,8 @@ def calibrate_catch(
 
 def _parse_date(text: str | None) -> dt.date:
     try:
+        # The date is stored in the records as a word in ISO form: a file with it reads alike in
+        # every locale.
         return day_clock.read_today() if text is None else dt.date.fromisoformat(text)
     except ValueError:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
@@ -114,13 +121,17 @@ def _save_product_test(
     from topdress.drivers.files.kinds import PRODUCT_KIND
 
     read = load_config(product, PRODUCT_KIND)
+    # The old file stays as evidence of the earlier test; a new file must not replace it in place.
     if read.path.resolve() == out.resolve():
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
     save_config(
         out,
+        # The checksum of the table goes into the record, so that a later reader can verify the data
+        # of this test.
         read.model.append_test(make_catch_test(machine, flow, day, str(data), calc_sha256(data))),
         PRODUCT_KIND,
     )
+    # The remark goes to stderr with --json, so that stdout holds JSON only.
     typer.echo(f"product file: {out}", err=as_json)
 
 
@@ -187,9 +198,12 @@ def calibrate_lag(
 ) -> None:
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag
     rig."""
+    # The lag rig measures the table itself; serial drivers load only for it.
     if rig is not None and data is None:
         from topdress.console.cli.lag_rig import measure_lag
 
+        # The rig writes a bench table and no machine file, so the output has another suffix than in
+        # a fit.
         require_suffix("--out", out, ".csv")
         _refuse_overwriting((), out, machine, force)
         measure_lag(
@@ -214,11 +228,14 @@ def calibrate_lag(
     fitted, day = _load_first_machine(data, out, machine, force), _parse_date(date).isoformat()
     table = read_bench_table(data, "lag")
     running = table.find_running_rows()
+    # A table can contain starts (shaft from rest), changes between two speeds, or both; each kind
+    # determines other parameters.
     line, tube = None, None
     if not running.all():
         fitted, line = fit_lag(
             table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day
         )
+    # The tube is fitted after the lag, because it uses the machine with the fitted lag.
     if running.any():
         fitted, tube = settle_tube(table, fitted, date=day)
     _print_fit(
@@ -244,6 +261,7 @@ def calibrate_wheel(
     from topdress.drivers.files.read_log import read_filled_log
 
     _refuse_no_log(data, out, "calibrate wheel")
+    # The log's own circumference is needed: its wheel distances were computed with this value.
     loaded, log = _load_first_machine(data, out, machine, force), read_filled_log(data)
     fitted, found = fit_wheel(
         read_wheel_log(log),
@@ -282,6 +300,8 @@ def calibrate_heads(
 class EffortUnit(StrEnum):
     """Lists the units of `effort_unit` in the machine file."""
 
+    # The values are those of the key `effort_unit`, not words of the screen; they must not be
+    # translated.
     DUTY = "%"
     CURRENT = "A"
     TORQUE = "N m"
@@ -307,6 +327,8 @@ def calibrate_effort(
     _refuse_no_log(data, out, "calibrate effort")
     loaded = _load_first_machine(data, out, machine, force)
     fitted, found = fit_effort(
+        # open_any_log also reads logs of other programs, since the effort of a drive can come from
+        # any recorder.
         dict(open_any_log(data).columns),
         loaded,
         str(data),
@@ -354,6 +376,8 @@ def calibrate_encoder(
     require_suffix("--out", out, ".py")
     _refuse_overwriting((), out, machine, force)
     limits = load_machine(machine).limits
+    # The limit is tested before the board is opened: a typed speed beyond the limits must never
+    # reach the drive.
     if rpm is not None and not limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm:
         raise CommandError(
             f"--rpm {rpm:g}: allowed is {limits.shaft_low_rpm:g} to {limits.shaft_high_rpm:g}, the "
@@ -366,6 +390,8 @@ def _refuse_no_table(data: Path, out: Path, command: str) -> None:
     """Raises WrongKindError for a file that is no bench table, CommandError for an output without
     the suffix of a machine file."""
     refuse_other_kinds([data], TABLE_FILE_KINDS)
+    # A run log is a CSV file too; without this check its columns would be reported as missing
+    # columns of a bench table.
     refuse_run_log(data, command)
     require_suffix("--out", out, ".yaml", ".yml")
 
@@ -374,11 +400,14 @@ def _refuse_no_log(data: Path, out: Path, command: str) -> None:
     """Raises WrongKindError for a file that is no run log, CommandError for an output without the
     suffix of a machine file."""
     refuse_other_kinds([data], RUN_LOG_KINDS)
+    # A bench table would be read as a log without time_s; the message names the right command
+    # instead.
     refuse_bench_table(data, command)
     require_suffix("--out", out, ".yaml", ".yml")
 
 
 def _refuse_overwriting(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
+    # The machine file that is read counts as an input, so `--out` cannot overwrite it.
     refuse_collisions((*reads, find_machine_file(machine)), [Output((out,))], force)
 
 
@@ -391,6 +420,7 @@ def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None
     from topdress.drivers.files.config import save_config
     from topdress.drivers.files.kinds import MACHINE_KIND
 
+    # The checksum is added here and not in the fit: the package control reads no files.
     save_config(out, _sign_records(fitted, data), MACHINE_KIND)
     typer.echo(f"machine file: {out}", err=as_json)
 
@@ -403,6 +433,7 @@ def _print_fit(found: object, tell: Callable[[], None], as_json: bool) -> None:
         tell()
 
 
+# A start has no earlier flow in the tube, hence it cannot show how the flow changes there.
 TUBE_UNSETTLED = (
     "starts do not show whether the stream in the tube carries what falls; a step from 40 "
     "to 80 r/min at the "
@@ -419,6 +450,7 @@ def _sign_records(machine: Machine, data: Path) -> Machine:
         update={
             "adopted": tuple(
                 record.model_copy(update={"sha256": checksum})
+                # Records of earlier calibrations keep their own data and checksum.
                 if record.data == str(data)
                 else record
                 for record in machine.adopted
@@ -433,6 +465,7 @@ def _print_wheel_fit(fit: WheelFit) -> None:
         f"{'at work' if fit.at_work else 'without flow'}"
     )
     typer.echo(f"wheel circumference, m  {_format_interval(fit.circumference_m)}")
+    # Slip exists only where the log has both stretches at work and stretches without flow.
     if fit.slip_percent is not None:
         typer.echo(f"slip at work, %  {_format_interval(fit.slip_percent)}")
     _print_notes(fit.notes)
@@ -440,6 +473,8 @@ def _print_wheel_fit(fit: WheelFit) -> None:
 
 def _print_heads_fit(fit: HeadsFit) -> None:
     for head in fit.heads:
+        # A head without a line has too few samples with the others, so only its deviation is
+        # printed.
         line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
         typer.echo(
             f"head {head.number}  off by {_format_interval(head.gain_percent)} "
@@ -465,6 +500,7 @@ def _print_flow_fit(fit: FlowFit, machine: Machine) -> None:
         f"{fit.opening_mm[0]:g}-{fit.opening_mm[1]:g} mm, scatter {fit.residual_sd_percent:.2f} %"
     )
     typer.echo(f"grams per revolution and mm  {_format_interval(fit.grams_per_rev_mm)}")
+    # The offset and the falloff are fitted only if the table varies opening and speed enough.
     if fit.zero_offset_g_rev is not None:
         typer.echo(
             f"grams per revolution at zero opening  {_format_interval(fit.zero_offset_g_rev)}"
@@ -496,6 +532,7 @@ def _print_lag_fit(line: LagFit | None, tube: TubeFit | None, is_tube_measured: 
             f"share that the stream carries  {_format_interval(tube.carried_share)}, s.d. "
             f"{tube.sd:.2f}"
         )
+        # An interval that is too wide changes no setting: control then computes without a tube.
         if not tube.settles:
             typer.echo(
                 "note: not settled yet, more repeats are needed: until then no strategy "
@@ -511,4 +548,6 @@ def _print_notes(notes: Iterable[str]) -> None:
 
 
 def _format_interval(one: FittedInterval) -> str:
+    # Five significant digits exceed the precision of each fit, so rounding never hides a
+    # difference.
     return f"{one.value:.5g} (90 %: {one.low:.5g} to {one.high:.5g})"

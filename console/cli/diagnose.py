@@ -33,6 +33,7 @@ from topdress.console.cli.progress import ProgressLine
 from topdress.console.import_hooks import collect_seldom
 from topdress.drivers import day_clock
 
+# Type checking only: the diagnosis loads numpy and scipy, which other commands do not need.
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Cause, Diagnosis
     from topdress.control.diagnosis.runs.several import JointDiagnosis
@@ -47,6 +48,7 @@ def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
     from topdress.control.machine.machine import CATALOGUE
 
     for name in picked:
+        # A pick without --adopt would be ignored in silence.
         if out is None:
             raise CommandError(f"--pick {name}: only --adopt takes up a cause")
         if name not in CATALOGUE:
@@ -62,6 +64,8 @@ def try_adoption(
     exception with which the command ends."""
     try:
         return adopt_findings(found, machine, data, out, picked), None
+    # The exception is returned and raised later, so that minutes of diagnosis still reach the
+    # screen and the files.
     except (ValueError, OSError, CommandError, typer.Exit) as why:
         return found, why
 
@@ -82,6 +86,7 @@ def adopt_findings(
     from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.kinds import MACHINE_KIND
 
+    # All causes are checked before anything is printed or written.
     for cause in found.causes:
         check_adoptable(cause)
     for name in picked:
@@ -92,6 +97,7 @@ def adopt_findings(
             found, fitted=None, terms=tuple(one for one in found.terms if not one.predicts_best)
         )
     chosen = [cause.id for cause in found.causes if _is_adopted(cause, picked, found)]
+    # The selection is judged on held-out rows: a correction that predicts worse is refused.
     taken = select_adoptable(found, chosen)
     for name, why in taken.refused:
         typer.echo(f"note: {name} is not adopted: {why}", err=True)
@@ -104,10 +110,15 @@ def adopt_findings(
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _make_empty_exit(found, out, bool(taken.refused))
     extended = extend(
-        machine, taken.found, sha256=calc_sha256(data[0]), date=day_clock.read_today().isoformat()
+        # The history stores one checksum; for several logs it is that of the first.
+        machine,
+        taken.found,
+        sha256=calc_sha256(data[0]),
+        date=day_clock.read_today().isoformat(),
     )
     save_config(out, extended, MACHINE_KIND, _format_pick_comment(kept, picked))
     typer.echo(
+        # The path is quoted, so that the printed command can be pasted into a shell.
         f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
         "it back):",
         err=True,
@@ -158,6 +169,7 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
 
     own = [cause for cause in found.causes if cause.id == name]
     if any(not find_cause_refusal(cause) for cause in own):
+        # A name that occurs several times is accepted if one occurrence can be adopted.
         return
     offered = ", ".join(
         dict.fromkeys(
@@ -167,6 +179,7 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     why = f"not found in this data; undecided: {offered or 'nothing'}"
     if own:
         why = find_cause_refusal(own[0])
+    # A rival has no size of its own yet, hence a machine file cannot contain it.
     elif any(rival.id == name for cause in found.causes for rival in cause.rivals):
         why = "its size is not known before the run that tells it from its rivals (next run)"
     raise CommandError(f"{out}: not written: --pick {name}: {why}")
@@ -190,6 +203,7 @@ def _make_empty_exit(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
         why = "a machine file with what was found would predict no better"
     elif list_adoptable_causes(found):
         why = "what was found is undecided, and nothing of it was picked"
+    # The reason goes to stderr, and stdout keeps the diagnosis.
     typer.echo(f"{out}: not written: {why}", err=True)
     return typer.Exit(EXIT_NOT_JUDGED)
 
@@ -205,7 +219,6 @@ def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> st
     )
 
 
-# Number of groups of channels that are judged in parallel.
 PARALLEL_GROUPS = 2
 
 
@@ -275,7 +288,9 @@ def run_diagnose(
 
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
+    # Fewer garbage collections save time of the imports and of the fit.
     collect_seldom()
+    # Every refusal comes before the diagnosis, which takes minutes.
     refuse_other_kinds(data, LOG_KINDS)
     require_suffix("--report", report, ".html")
     require_suffix("--adopt", adopt, ".yaml", ".yml")
@@ -285,6 +300,7 @@ def run_diagnose(
     refuse_picks(picked, adopt)
     loaded = load_machine(machine)
     setup = None if closed_loop is None else _load_job_setup(machine, job or "demo")
+    # Files that are read must not be overwritten, even with --force.
     reads = [*(file for path in data for file in list_log_files(path)), find_machine_file(machine)]
     refuse_collisions(
         [*reads, *(() if setup is None else setup.files)],
@@ -301,6 +317,8 @@ def run_diagnose(
     else:
         found, tools = _diagnose_bench_tables(data, loaded, kind, seed)
     refused: Exception | None = None
+    # Logs of several machines of a kind share an effect and not its size, so there is no single
+    # machine file.
     if several is not None and several.of_a_kind and adopt is not None:
         refused = CommandError(
             f"--adopt {adopt}: these logs are of machines of a kind, each with sizes of its own: "
@@ -316,6 +334,7 @@ def run_diagnose(
     if refused is not None:
         raise refused
     if found.verdict == "not_judged" and not found.rates:
+        # A separate exit code lets a script tell "nothing judged" from an error.
         raise typer.Exit(EXIT_NOT_JUDGED)
 
 
@@ -323,6 +342,7 @@ def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None)
     from topdress.console.reports.html import GENERATOR_META
 
     outputs = []
+    # "-" is the standard output and no file.
     if as_json is not None and str(as_json) != "-":
         outputs.append(make_marked_output(as_json, b'"format": "topdress-diagnosis/1"'))
     if report is not None:
@@ -337,6 +357,7 @@ def _is_run_data(data: list[Path]) -> bool:
     no names; otherwise they are a bench table."""
     from topdress.drivers.files.file_content import FileContent
 
+    # The first file decides: several files must be of one kind, which the reader checks.
     file = FileContent(data[0])
     return not file.is_table or not file.names or file.content_kind == "log"
 
@@ -394,6 +415,7 @@ def _diagnose_several_logs(
         ),
         None,
     )
+    # Rows that count twice would halve the variance, and intervals would be too narrow.
     if twice is not None:
         raise CommandError(
             f"{twice}: named twice: allowed is each log once, for its rows would count twice"
@@ -435,6 +457,7 @@ def _make_progress() -> Any:
         else:
             line.show_text(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
 
+    # No progress is drawn into a file or a pipe.
     return show_share if line.shown else None
 
 
@@ -443,6 +466,7 @@ def _load_job_setup(machine: str, job: str) -> Setup:
     from topdress.drivers.files.setup import load_setup
 
     setup = load_setup(machine, job, day_clock.read_today())
+    # Other targets need a map or plants, which this comparison does not load.
     if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
         raise CommandError(
             f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
@@ -458,6 +482,7 @@ def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float)
     from topdress.control.diagnosis.runs.closed_loop import measure_loop_gain
 
     effects = make_planted_effects(setup.machine, found)
+    # An effect without a size cannot be simulated.
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, found)
@@ -472,6 +497,7 @@ def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float)
         "the sizes found taken for true:",
     ]
     for word, one in (("not known", gain.before), ("known", gain.after)):
+        # A job without a target rate has no percentage.
         bias = (
             100.0 * one.bias_kg_ha / one.mean_target_kg_ha if one.mean_target_kg_ha > 0.0 else 0.0
         )
@@ -505,6 +531,7 @@ def _write_result(
     from topdress.drivers.files.atomic import write_atomically
 
     if sys.stderr.isatty():
+        # The escape sequence clears the line of the progress display before the result.
         sys.stderr.write("\r\x1b[K")
     plain = found.to_json() if several is None else several._replace(together=found).to_json()
     if as_json is not None and str(as_json) == "-":
@@ -512,6 +539,7 @@ def _write_result(
     else:
         for line in (
             summarise_terminal(found) if several is None else _format_several(found, several)
+            # stdout holds either JSON or text, never both.
         ):
             typer.echo(line)
         if as_json is not None:
@@ -520,6 +548,8 @@ def _write_result(
         from topdress.console.reports.diagnosis_html import make_diagnosis_page
 
         write_atomically(
-            report, make_diagnosis_page(found, tools | {"date": day_clock.read_today().isoformat()})
+            # The date is passed in, since the page makes no use of a clock.
+            report,
+            make_diagnosis_page(found, tools | {"date": day_clock.read_today().isoformat()}),
         )
         typer.echo(f"report: {report}", err=True)

@@ -22,11 +22,13 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
 
+# Type checking only: readers of maps load their libraries when a map is read.
 if TYPE_CHECKING:
     from topdress.drivers.files.exports.as_applied import AsApplied
     from topdress.drivers.files.prescriptions.map_choices import ImportedMap, RateChoice
     from topdress.drivers.files.read_log import RunLog
 
+# More rates fill a terminal; a raster can have hundreds of rates.
 MAX_SHOWN_RATES = 20
 
 
@@ -138,12 +140,16 @@ def convert_map(
     from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES
     from topdress.drivers.files.prescriptions.map_choices import RateChoice
 
+    # A file of another kind, e.g. a machine file, gets a message with the command that reads it.
     refuse_other_kinds([source], MAP_FILE_KINDS)
+    # An ISOXML export into the folder of IN would overwrite the task set that is read.
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
     holds = FileContent(source).content_kind
+    # An empty file has no content to recognise, so its suffix decides.
     is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLE_SUFFIXES)
     if out is not None:
+        # The check precedes the reading, because a large map takes seconds.
         refuse_collisions(_list_read_files(source, is_log, machine), [_make_output(out)], force)
     if is_log:
         _export_log(
@@ -170,6 +176,7 @@ def convert_map(
         inside=inside,
         zone=zone,
         rate_from=_check_rate_source(rate_from),
+        # The width decides how far a fine raster is averaged.
         width_m=None if machine is None else load_machine(machine).geometry.working_width_m,
     )
     _convert_prescription(source, out, choice, rule, merge, as_json)
@@ -179,6 +186,8 @@ def _list_read_files(source: Path, is_log: bool, machine: str | None) -> tuple[P
     from topdress.drivers.files.archives import list_opened_files
     from topdress.drivers.files.file_content import FileContent
 
+    # A run log consists of the CSV and its NAME.yaml; a map may consist of several files of an
+    # archive.
     own = (
         list_log_files(source)
         if is_log and FileContent(source).is_table
@@ -192,17 +201,22 @@ def _make_output(out: Path) -> Output:
     its program is recognised."""
     from topdress.console.reports.html import GENERATOR_META
 
+    # Formats that store the program's name can replace an earlier export of topdress without
+    # --force.
     match out.suffix.lower():
         case ".shp":
             return Output(
                 tuple(
-                    out.with_suffix(ending) for ending in (".shp", ".shx", ".dbf", ".prj", ".cpg")
+                    # A shapefile is a set of files with one stem.
+                    out.with_suffix(ending)
+                    for ending in (".shp", ".shx", ".dbf", ".prj", ".cpg")
                 )
             )
         case ".html":
             return make_marked_output(out, GENERATOR_META.encode())
         case ".geojson" | ".json":
             return make_marked_output(out, b'"topdress": {"format": "topdress-')
+        # An ISOXML task set is a folder; its path may be given as the folder or as TASKDATA.XML.
         case ".xml" | "":
             folder = out.parent if out.suffix else out
             return make_marked_output(
@@ -237,15 +251,19 @@ def _convert_prescription(
     from topdress.drivers.files.prescriptions.map_writer import describe_losses, write_prescription
 
     if job is None:
+        # A prescription without a rule already contains rates.
         read = read_prescription(source, choice)
     # a map of an index, as rates by the rule of a job's crop
     else:
         from topdress.drivers.files.setup import load_setup
 
+        # Only the rule of this setup is used, and any machine gives it; --machine serves the
+        # raster's width.
         rule = load_setup("huanghai", job, day_clock.read_today()).rule
         read = apply_canopy_rule(
             read_prescription(source, choose_index_column(choice, rule, job)), rule
         )
+    # Zones are merged after the rule, because the step is in kg/ha.
     if merge_kg_ha is not None:
         read = merge_map_zones(read, merge_kg_ha)
     if out is not None:
@@ -264,8 +282,10 @@ def _convert_prescription(
                 f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml "
                 "or a folder"
             )
+        # The format is checked before the folder is made, so a typing error leaves no empty folder.
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)
+        # Some formats cannot store fallback rates or holes; the operator must learn what was lost.
         if lost := describe_losses(read.data, out):
             read = replace(read, findings=(*read.findings, Finding("not_written", lost)))
     _print_prescription(read, as_json)
@@ -281,6 +301,7 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
     from topdress.control.targets.prescription import calc_rate_shares
 
     shares = calc_rate_shares(read.data)
+    # An area can be zero for a map of points; the mean below guards against it.
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
     if as_json:
@@ -325,6 +346,7 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
         typer.echo(
             f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg"
         )
+    # The number of omitted rates is printed, since a cut list would look complete.
     if len(shares) > MAX_SHOWN_RATES:
         typer.echo(f"          ... {len(shares) - MAX_SHOWN_RATES} more rates")
     typer.echo(
@@ -354,11 +376,13 @@ def _export_log(
     from topdress.drivers.files.exports.export_writer import write_as_applied
 
     given = None
+    # An option replaces the log's product; without options the log's own product applies.
     if product is not None or nitrogen is not None:
         given = SpreadProduct(product or "product", nitrogen or 0.0)
     log = open_any_log(source)
     loaded = load_machine(machine) if machine else None
     applied = build_as_applied(log, loaded, given, every_s)
+    # The report draws fewer segments than the data file has rows, so that a browser can open it.
     if out is not None and out.suffix.lower() == ".html":
         from topdress.console.reports.job_page import MAX_DRAWN_SEGMENTS
 
@@ -373,6 +397,7 @@ def _export_log(
         write_as_applied(applied, out, polygons)
     if as_json:
         print_json(summarise_export(applied))
+        # A summary without --out is the purpose of the command, so this is no error.
         return
     _print_applied(applied)
     if out is not None:
@@ -398,6 +423,7 @@ def _print_applied(applied: AsApplied) -> None:
         f"({t.applied_n_kg:.2f} kg N) on "
         f"{applied.worked_ha:.4f} ha, mean {applied.mean_kg_ha:.1f} kg/ha"
     )
+    # A job without a target, e.g. a manual one, has no deviation from the target.
     error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
     typer.echo(f"target       {t.target_kg:.2f} kg{error}")
     if (cut := applied.cut) is not None:

@@ -19,6 +19,7 @@ from topdress.console.import_hooks import collect_seldom
 from topdress.control.orders import Strategy
 from topdress.drivers import day_clock
 
+# Type checking only: the simulation loads numpy and the machine model when the command runs.
 if TYPE_CHECKING:
     from topdress.control.field.job import Job
     from topdress.control.machine.fault_injection import PlantedEffect
@@ -33,11 +34,13 @@ if TYPE_CHECKING:
     from topdress.drivers.files.run_meta import RunMeta
     from topdress.drivers.files.setup import Setup
 
+# Control loop and simulator share a step of 0.05 s, i.e. 20 ticks a second as on the machine.
 TICK_PERIOD_S = 0.05
 # Length of a run from which compiling the steps saves time, s.
 MIN_COMPILED_RUN_S = 600.0
 # Number of doses from which the threshold is learned.
 SETTLING_DOSES = 50
+# The columns of LOG.truth.csv are a contract: readers find them by name.
 TRUTH_COLUMNS = (
     "time_s",
     "shaft_rpm",
@@ -115,21 +118,28 @@ def run_simulation(
     from topdress.drivers.files.prescriptions.job_targets import find_map_check, read_loop_targets
     from topdress.drivers.files.setup import find_index_disagreements, load_setup
 
+    # The files are loaded before the outputs are checked, because they count as inputs.
     setup = load_setup(machine, job, day_clock.read_today())
     given = {
         "strategy": strategy,
         "look_ahead": _parse_switch("--look-ahead", look_ahead),
         "flow_trim": _parse_switch("--flow-trim", flow_trim),
     }
+    # None means that an option was not given, so the job's value stays.
     changes = {name: value for name, value in given.items() if value is not None}
     if out is not None:
+        # Log and truth file are one output: neither is written if the other would overwrite a file.
         refuse_collisions(setup.files, [make_log_output(out, make_truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
+    # A job without a boundary gets the simulator's field, as in the console.
     resolved = add_simulated_field(setup.job.model_copy(update=changes), setup.machine)
+    # A map of another index than the crop's rule would give wrong rates without any other sign.
     if lines := find_index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
     by_plugin, own = split_terms(effect or ())
     planted = [parse_planted(text) for text in own]
+    # Control keeps the machine file, and only the simulated machine differs; the difference is the
+    # test.
     true = setup.machine if plant is None else make_plausible_machine(setup.machine, plant)
     terms = parse_terms([*(term or ()), *by_plugin])
     plants_shown = [
@@ -139,6 +149,7 @@ def run_simulation(
     ]
     placed = read_loop_targets(resolved, setup.folder, setup.machine, setup.crop.index)
     check = find_map_check(resolved, setup.crop.max_rate_kg_ha, setup.folder)
+    # Notes go to stderr, so that stdout holds the summary only.
     for line in (*resolved.warnings, *(() if check is None else describe_map_check(check, METRIC))):
         typer.echo(f"{job}: note: {line}", err=True)
     with (
@@ -157,6 +168,8 @@ def run_simulation(
             placed=placed,
             log=log,
         )
+        # The truth is written inside the block: a failed write then leaves no finished log without
+        # its truth.
         if out is not None:
             write_atomically(
                 make_truth_path(out),
@@ -170,6 +183,7 @@ def run_simulation(
     if run.doses is None:
         _print_summary(run, setup, resolved, seconds, plants_shown, as_json)
         return
+    # Point mode runs a second time with the learned threshold reversed, so that its gain is shown.
     other = resolved.target.model_copy(
         update={"learn_threshold": not resolved.target.learn_threshold}
     )
@@ -222,6 +236,7 @@ def _simulate_run(
     from topdress.drivers.files.extras import is_extra_installed
 
     compiled: CompiledSteps | None = None
+    # Compiling takes seconds, which only a long run saves; it needs numba of the extra "diagnosis".
     if seconds >= MIN_COMPILED_RUN_S and is_extra_installed("diagnosis"):
         from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 
@@ -239,11 +254,15 @@ def _simulate_run(
     loop = make_control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
     doses = None
     if job.target.source is TargetSource.POINT:
+        # The watch has a random stream of its own, so that it does not change the noise of the
+        # machine.
         doses = DoseWatch(plant.plants_m, seed + 3, job.simulated.dose_measured_sd_m)
     record = RunRecord()
     alarms: dict[str, int] = {}
     heads: list[tuple[float, ...]] = []
+    # Fewer garbage collections save a tenth of the time of a simulated run.
     collect_seldom()
+    # perf_counter is monotonic: a change of the clock cannot distort the speed.
     started = time.perf_counter()
     steps = simulate_run(plant, loop, seconds, doses=doses)
     for step in iterate_with_progress(steps, round(seconds / TICK_PERIOD_S), "simulating"):
@@ -253,6 +272,7 @@ def _simulate_run(
             step.tick.row.applied_rate_kg_ha
             and ndvi
             and None not in ndvi
+            # A head's sample stays in the row until the next sample, so equal rows count once.
             and (not heads or heads[-1] != ndvi)
         ):
             heads.append(tuple(value for value in ndvi if value is not None))
@@ -300,6 +320,7 @@ def _format_truth(record: RunRecord, width_m: float) -> str:
     landed_kg_ha, landed_m = find_true_landing(columns, width_m)
     table = np.column_stack(
         [
+            # The record counts at the end of a step, the log at its beginning.
             columns["time_s"] - TICK_PERIOD_S,
             columns["shaft_rpm"],
             columns["opening_mm"],
@@ -321,6 +342,7 @@ def _format_truth(record: RunRecord, width_m: float) -> str:
         delimiter=",",
         header=",".join(TRUTH_COLUMNS),
         comments="",
+        # The decimals match the resolution of the model: 0.1 ms, 0.1 mm, and 0.1 mg/s of flow.
         fmt=[
             "%.3f",
             "%.4f",
@@ -347,6 +369,7 @@ def _print_summary(
     from topdress.control.simulation.error_metrics import judge_run
 
     record, alarms, took_s = run.record, run.alarms, run.took_s
+    # Errors against the need of the canopy exist only where the canopy alone sets the rate.
     by_canopy = (
         job.target.source is TargetSource.CANOPY
         and job.target.hold_mean_kg_ha is None
@@ -358,6 +381,7 @@ def _print_summary(
         setup.machine.geometry.working_width_m,
         rule=setup.rule if by_canopy else None,
     )
+    # An interval over one sample of the heads does not exist.
     one_rate = (
         measure_width_error(setup.rule, setup.machine, run.heads)
         if by_canopy and len(run.heads) > 1
@@ -426,6 +450,7 @@ def _print_dose_summary(
 ) -> None:
     """Prints dose errors with and without the learned threshold; `run` is the run of the job."""
     assert learned.doses is not None and fixed.doses is not None
+    # The first doses serve to learn the threshold and would blur its result.
     with_it, without = (
         learned.doses.judge_doses(SETTLING_DOSES),
         fixed.doses.judge_doses(SETTLING_DOSES),

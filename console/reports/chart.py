@@ -18,9 +18,12 @@ import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.html import Picture, escape_text
 
+# Series arrive as lists or arrays; inside of this module all are float arrays.
 Array = npt.NDArray[np.float64]
 Values = npt.ArrayLike
 
+# The page defines these variables for light, dark and print, so a picture needs no colour of its
+# own.
 INK_COLOUR, LINE_COLOUR, GRID_COLOUR, DIM_COLOUR = (
     "var(--ink)",
     "var(--line)",
@@ -30,6 +33,7 @@ INK_COLOUR, LINE_COLOUR, GRID_COLOUR, DIM_COLOUR = (
 BEFORE_COLOUR, AFTER_COLOUR, THIRD_COLOUR = "var(--before)", "var(--after)", "var(--third)"
 PAPER_COLOUR = "var(--paper)"
 
+# CSS and SVG define a point as 1/72 inch.
 POINTS_PER_INCH = 72.0
 FONT_PT, SMALL_FONT_PT = 10.0, 9.0
 # Mean width of a letter divided by its font size: sans-serif faces have 0.5 to 0.6, Chinese
@@ -40,15 +44,19 @@ LETTER_WIDTH, WIDE_LETTER_WIDTH = 0.55, 1.0
 GAP_PT, EDGE_PT = 4.0, 4.0
 # Distance to the right of a panel, so that its last number does not touch the next panel, points.
 RIGHT_PT = 8.0
+# Height of a row of text: the font size of 10 points and its line spacing, points.
 ROW_PT = 14.0
 # Smallest distances between ticks, points.
 TICK_X_PT, TICK_Y_PT = 55.0, 22.0
 # Share of their span by which data end inside of the panel.
 MARGIN_SHARE = 0.05
+# Steps that people read easily, as multiples of a power of ten.
 STEPS_OF_TEN = (1.0, 2.0, 2.5, 5.0, 10.0)
 # Powers of ten beyond which numbers are written as a power.
 MIN_PLAIN_POWER, MAX_PLAIN_POWER = -4, 6
+# More entries in a row are shorter than the names of most series.
 LEGEND_COLUMNS = 4
+# Width for the colour bar, its numbers and its unit, points.
 COLOUR_BAR_PT = 62.0
 
 Tick = tuple[float, str]
@@ -56,6 +64,7 @@ Tick = tuple[float, str]
 
 def measure_text(text: str, font_pt: float = FONT_PT) -> float:
     """Returns the estimated width of a text, points."""
+    # "W" and "F" are the classes of Unicode for wide and full-width characters.
     wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
     return font_pt * (LETTER_WIDTH * (len(text) - wide) + WIDE_LETTER_WIDTH * wide)
 
@@ -63,25 +72,32 @@ def measure_text(text: str, font_pt: float = FONT_PT) -> float:
 def find_ticks(low: float, high: float, most: int) -> list[Tick]:
     """Returns round numbers between two ends, at most `most`, each with its text."""
     span = high - low
+    # A span of 0 or NaN has no round step; its only tick is the value itself.
     if not (isfinite(span) and span > 0.0):
         return [(low, _format_tick(low, 3))]
     power = 10.0 ** floor(log10(span / max(1, most)))
     step = next(
         one * power
+        # Twenty is the next step after 10.0, for a span whose power of ten is just too small.
         for one in (*STEPS_OF_TEN, 20.0)
         if floor(high / (one * power)) - ceil(low / (one * power)) < max(1, most)
     )
+    # A step of 2.5 needs one decimal more than 2 or 5; 1.001 avoids a rounding error of log10 at
+    # powers of ten.
     decimals = max(0, -floor(log10(step * 1.001)) + (step / 10.0 ** floor(log10(step)) == 2.5))
+    # The tolerance of 1e-9 steps keeps a tick at an end that is a multiple of the step.
     first, last = ceil(low / step - 1e-9), floor(high / step + 1e-9)
     return [(k * step, _format_tick(k * step, decimals)) for k in range(first, last + 1)]
 
 
 def _format_tick(value: float, decimals: int) -> str:
+    # Adding 0.0 turns -0.0 into 0.0, which would otherwise print as "-0".
     value += 0.0
     if value and not MIN_PLAIN_POWER <= log10(abs(value)) < MAX_PLAIN_POWER:
         text = f"{value:.3g}"
     else:
         text = f"{value:.{decimals}f}"
+    # Values that round to zero lose their sign; the typographic minus has the width of a digit.
     return text.replace("-", "\N{MINUS SIGN}") if float(text) else text.lstrip("-")
 
 
@@ -101,6 +117,7 @@ DASH_PATTERNS = {"-": "", "--": "5.5 3", ":": "1.5 2.5"}
 
 
 def _format_stroke(colour: str, width: float, dash: str = "-") -> str:
+    # A solid line needs no dash array.
     dashes = f";stroke-dasharray:{DASH_PATTERNS[dash]}" if DASH_PATTERNS[dash] else ""
     return f"fill:none;stroke:{colour};stroke-width:{width:g}{dashes}"
 
@@ -116,6 +133,7 @@ def _draw_text(
 
 
 def _make_path(x: Array, y: Array) -> str:
+    # One decimal is a tenth of a point, which is finer than any screen or printer shows.
     """Returns a line through points; a point that is not finite leaves a gap."""
     parts, joined = [], False
     for one, other in zip(x.tolist(), y.tolist(), strict=True):
@@ -126,6 +144,7 @@ def _make_path(x: Array, y: Array) -> str:
     return "".join(parts)
 
 
+# Corners of each marker as multiples of half its size; y points down in SVG. The areas look alike.
 _MARKER_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
     "s": ((-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)),
     "^": ((0.0, -1.1), (1.0, 0.8), (-1.0, 0.8)),
@@ -141,10 +160,13 @@ def _draw_markers(x: Array, y: Array, look: SeriesStyle) -> str:
     shape = _MARKER_SHAPES.get(look.marker)
     parts = []
     for one, other in zip(x.tolist(), y.tolist(), strict=True):
+        # NaN in a path would make the browser drop the whole path.
         if not (isfinite(one) and isfinite(other)):
             continue
         if shape is None:
             r = 0.5 * half if look.marker == "." else half
+            # SVG has no circle in a path: two half arcs make one, so all markers remain a single
+            # element.
             parts.append(
                 f"M{one - r:.1f} {other:.1f}a{r:.1f} {r:.1f} 0 1 0 {2 * r:.1f} 0"
                 f"a{r:.1f} {r:.1f} 0 1 0 {-2 * r:.1f} 0"
@@ -230,6 +252,7 @@ class ChartPanel:
         fill : colour inside of the markers; empty means `colour`.
         """
         at, value = self._collect_values(x, y)
+        # The first series of a label keeps its points, as the legend keeps its first style.
         self.series.setdefault(label, (at, value))
         look = SeriesStyle(colour, dash, width, marker, size, fill, opacity)
 
@@ -238,6 +261,7 @@ class ChartPanel:
             parts = [_draw_markers(px, py, look)] if marker else []
             if dash:
                 style = _format_stroke(colour, width, dash)
+                # The line lies below the markers.
                 parts.insert(0, f'<path d="{_make_path(px, py)}" style="{style}"/>')
             return "".join(parts)
 
@@ -259,6 +283,7 @@ class ChartPanel:
         """Draws points with bars from y - half to y + half, all of shape (n,)."""
         at, value = self._collect_values(x, y)
         reach = np.asarray(half, float)
+        # The ends of the bars count for the range of the axis, so that no interval is cut.
         self._collect_values(at, value - reach)
         self._collect_values(at, value + reach)
         look = SeriesStyle(colour, "", 1.5, marker, size, fill)
@@ -281,13 +306,17 @@ class ChartPanel:
         at, lower = self._collect_values(x, low)
         _, upper = self._collect_values(x, high)
         known = np.isfinite(at) & np.isfinite(lower) & np.isfinite(upper)
+        # Each change between known and unknown rows begins a new piece, because a band cannot cross
+        # a gap.
         pieces = np.split(np.arange(len(at)), np.flatnonzero(np.diff(known.astype(int))) + 1)
 
         def draw_band(scales: _PanelScales) -> str:
             rings = []
             for rows in pieces:
+                # A piece of one point has no width to fill.
                 if len(rows) < 2 or not known[rows[0]]:
                     continue
+                # The ring runs along the upper line and back along the lower line.
                 there, back = scales.x(at[rows]), scales.x(at[rows[::-1]])
                 ring_y = np.concatenate([scales.y(upper[rows]), scales.y(lower[rows[::-1]])])
                 rings.append(_make_path(np.concatenate([there, back]), ring_y) + "Z")
@@ -349,6 +378,7 @@ class ChartPanel:
     ) -> None:
         """Draws bars of shape (n,) between edges of shape (n + 1,), from 0 up."""
         ends, tops = np.asarray(edges, float), np.asarray(heights, float)
+        # Bars begin at zero, so zero belongs to the axis.
         self._collect_values(ends, np.append(tops, 0.0))
 
         def draw_bar_path(scales: _PanelScales) -> str:
@@ -393,6 +423,7 @@ class ChartPanel:
 
         def draw_polygons(scales: _PanelScales) -> str:
             x, y = scales.x(rings[..., 0]), scales.y(rings[..., 1])
+            # One path for each colour keeps the file small: a map has thousands of cells.
             by_colour: dict[str, list[str]] = {}
             for k, colour in enumerate(colours):
                 by_colour.setdefault(colour, []).append(_make_path(x[k], y[k]) + "Z")
@@ -405,6 +436,7 @@ class ChartPanel:
 
     def _collect_values(self, x: Values, y: Values) -> tuple[Array, Array]:
         at, value = np.asarray(x, float), np.asarray(y, float)
+        # Axes end at finite values; infinite or missing values must not stretch them.
         self._x.append(at[np.isfinite(at)])
         self._y.append(value[np.isfinite(value)])
         return at, value
@@ -425,6 +457,7 @@ class ChartPanel:
 
 def _find_data_ends(parts: Iterable[Array]) -> tuple[float, float]:
     known = [part for part in parts if len(part)]
+    # An empty panel still needs a scale, and 0 to 1 avoids a division by zero.
     if not known:
         return 0.0, 1.0
     return float(min(part.min() for part in known)), float(max(part.max() for part in known))
@@ -433,6 +466,8 @@ def _find_data_ends(parts: Iterable[Array]) -> tuple[float, float]:
 def _widen_ends(ends: tuple[float, float]) -> tuple[float, float]:
     low, high = ends
     if not high > low:
+        # A constant series gets 5 % of its value on both sides, so that the line lies in the
+        # middle.
         half = 0.05 * abs(low) or 0.05
         return low - half, high + half
     return low - MARGIN_SHARE * (high - low), high + MARGIN_SHARE * (high - low)
@@ -493,6 +528,7 @@ class ChartSheet:
         """
         looks: dict[str, SeriesStyle] = {}
         for panel in self._list_panels():
+            # The first panel's style of a label wins, so a legend has one entry for each label.
             looks = panel.looks | looks
         legend, legend_pt = self._draw_legend(looks)
         body = self._draw_panels(self.height_pt - legend_pt)
@@ -510,8 +546,12 @@ class ChartSheet:
         """Returns the legend and its height, points."""
         if not looks:
             return "", 0.0
+        # A sample of 20 points, the gap to its text, and space before the next entry add up to 34
+        # points.
         widths = [34.0 + measure_text(label, SMALL_FONT_PT) for label in looks]
         columns = min(LEGEND_COLUMNS, len(looks))
+        # Columns shrink until the widest entry fits; a legend of one column may still be cut by a
+        # very long name.
         while columns > 1 and columns * max(widths) > self.width_pt:
             columns -= 1
         rows = ceil(len(looks) / columns)
@@ -537,6 +577,7 @@ class ChartSheet:
             [self._make_frame(i, k, EDGE_PT + i * cell_pt, cell_pt) for k in range(columns)]
             for i in range(rows)
         ]
+        # All panels of a column share the width for their numbers, so that their left ends align.
         words_pt = [max(row[k].words_pt for row in frames) for k in range(columns)]
         inner_pt = (self.width_pt - 2.0 * EDGE_PT - bar_pt - sum(words_pt)) / columns
         parts = []
@@ -572,6 +613,7 @@ class ChartSheet:
             has_y_words=has_y_words,
         )
         if not has_y_words:
+            # A panel that shares its y axis has no numbers of its own and needs no width for them.
             return frame
         widest = max(measure_text(text, SMALL_FONT_PT) for _, text in frame.find_y_ticks(panel))
         return frame._replace(words_pt=widest + GAP_PT + (ROW_PT if panel.y_label else 0.0))
@@ -622,9 +664,11 @@ def _draw_panel(panel: ChartPanel, frame: _PanelFrame) -> str:
         )
         frame = frame._replace(x_ends=x_ends, y_ends=y_ends)
     x_ticks, y_ticks = frame.find_x_ticks(panel), frame.find_y_ticks(panel)
+    # Screen y grows downwards, so the scale runs from bottom to top.
     x, y = _make_scale(frame.x_ends, left, right), _make_scale(frame.y_ends, bottom, top)
     scales = _PanelScales(x, y, left, top, right, bottom)
     grid = [f"M{left:.1f} {at:.1f}H{right:.1f}" for at in _place_ticks(y, y_ticks)]
+    # Named positions, e.g. groups of bars, need no vertical grid lines.
     if not panel.x_names:
         grid += [f"M{at:.1f} {top:.1f}V{bottom:.1f}" for at in _place_ticks(x, x_ticks)]
     drawn = "".join(draw(scales) for draw in panel.drawings)
@@ -699,12 +743,16 @@ def _centre_span(ends: tuple[float, float], span: float) -> tuple[float, float]:
 def _draw_colour_bar(bar: ColourBar, left: float, top: float, height: float) -> str:
     step = height / len(bar.colours)
     cells = "".join(
+        # Cells overlap by 0.3 points; otherwise viewers draw hairlines between them.
         f'<path d="M{left:.1f} {top + height - (k + 1) * step:.2f}h12v{step + 0.3:.2f}h-12Z" '
         f'style="fill:{colour};stroke:none"/>'
         for k, colour in enumerate(bar.colours)
     )
     place = _make_scale(
-        (bar.low, bar.high if bar.high > bar.low else bar.low + 1.0), top + height, top
+        # A bar of one value would divide by zero.
+        (bar.low, bar.high if bar.high > bar.low else bar.low + 1.0),
+        top + height,
+        top,
     )
     ticks = find_ticks(bar.low, bar.high, max(2, int(height / TICK_Y_PT)))
     words = "".join(

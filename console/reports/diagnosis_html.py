@@ -38,13 +38,16 @@ from topdress.control.machine.machine import CATALOGUE
 
 # Size of the small bars in the text, for an interval about its value and for shares, points.
 BAR_WIDTH, BAR_HEIGHT = 220.0, 22.0
+# The margin keeps the round marker at either end inside the picture, points.
 BAR_MARGIN = 8.0
 
 
 def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
     """Returns a line from low to high with its value, and the position of zero. `said` is the same
     in words, already escaped."""
+    # Zero is always inside of the bar, since the distance from zero is what the reader judges.
     least, most = min(0.0, low, value), max(0.0, high, value)
+    # A bar of no length would divide by zero.
     wide = (most - least) or 1.0
 
     def place_value(x: float) -> float:
@@ -54,6 +57,7 @@ def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
     return (
         f'<svg class="bar" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}" width="{BAR_WIDTH:g}" '
         f'height="{BAR_HEIGHT:g}" role="img" '
+        # Screen readers read the label instead of the drawing.
         f'aria-label="{said}"><line class="base" x1="{place_value(least):.1f}" x2="'
         f'{place_value(most):.1f}" '
         f'y1="{middle:g}" '
@@ -70,6 +74,7 @@ def draw_interval_bar(value: float, low: float, high: float, said: str) -> str:
 def draw_share_bar(share: float, said: str, leading: bool) -> str:
     """Returns a bar filled to a share between 0 and 1."""
     full = BAR_WIDTH - 2.0 * BAR_MARGIN
+    # Rounding can push a probability slightly beyond 0 or 1.
     filled = full * min(1.0, max(0.0, share))
     return (
         f'<svg class="bar" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}" width="{BAR_WIDTH:g}" '
@@ -89,10 +94,12 @@ def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     "machine": Machine}. Optional keys are "date" (text), "sha256" (path -> checksum) and "version"
     (of this program). Missing checksums are computed from readable files.
     """
+    # Pictures are drawn after sorting: each picture is matched to its cause by position.
     found = sentences.sort_headlines(found)
     pictures = draw_pictures(found, tools)
     parts = (
         _format_header(found),
+        # An undecided diagnosis shows the next test first, as the terminal does.
         _format_next_run(found) if found.verdict == "ambiguous" else "",
         format_section("About the data", format_list(found.findings)),
         format_section(
@@ -108,6 +115,7 @@ def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
             ),
             *(
                 _format_term(term, picture)
+                # A term may have no picture, so the shorter list decides.
                 for term, picture in zip(found.terms, pictures.terms, strict=False)
             ),
         ),
@@ -125,6 +133,7 @@ def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         format_section(
             "Measured and predicted", *(format_figure(picture) for picture in pictures.data)
         ),
+        # A decided diagnosis has its next run after the findings.
         "" if found.verdict == "ambiguous" else _format_next_run(found),
         format_folded(
             "Figures of the method, for whoever wants to check it",
@@ -135,13 +144,16 @@ def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         _format_provenance(found, tools),
     )
     return make_page(
-        f"Diagnosis of {found.data.path or 'data'}", "\n".join(part for part in parts if part)
+        # Empty sections return an empty text and are omitted with their headings.
+        f"Diagnosis of {found.data.path or 'data'}",
+        "\n".join(part for part in parts if part),
     )
 
 
 def _format_header(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {format_duration(data.duration_s)}"
+    # The kinds of bench tables are joined by a plus in the JSON result.
     kind = "run log" if data.kind == "run" else f"{data.kind.replace('+', ' and ')} table"
     return (
         f"<header><h1>Diagnosis of {escape_text(data.path or 'data')}</h1>\n"
@@ -154,9 +166,12 @@ def _format_header(found: Diagnosis) -> str:
 
 def _format_cause(cause: Cause, pictures: Sequence[Any]) -> str:
     entry = CATALOGUE.get(cause.id)
+    # An effect that is only an event, e.g. a blockage, has a beginning and no size.
     unit = "" if entry is not None and entry.effect.onset_only else cause.size.unit
     pairs = [("Size", _format_size(cause, unit))] if unit else []
     if cause.member is not None:
+        # Members count heads of the canopy sensor and outlets of the flow; other effects have a
+        # plain number.
         where = {"canopy": "head", "flow": "outlet"}.get(cause.id.split(".")[0], "number")
         pairs.append(("Which", f"{where} {cause.member}"))
     then = sentences.describe_time_span(cause)
@@ -170,6 +185,7 @@ def _format_cause(cause: Cause, pictures: Sequence[Any]) -> str:
     physics = format_paragraph(entry.effect.physics, "dim") if entry else ""
     kind = "cause open" if sentences.list_rivals(cause) else "cause"
     title = sentences.format_heading(cause)
+    # Only the first letter is raised, because capitalize() would lower GNSS and NDVI.
     title, name = (
         title[0].upper() + title[1:],
         "" if sentences.has_named_rivals(cause) else _format_effect_id(cause.id),
@@ -187,6 +203,7 @@ def _format_size(cause: Cause, unit: str) -> str:
         return "not known"
     value, interval = format_with_interval(size.value, size.low, size.high)
     said = f'<span class="big">{escape_text(value)} {escape_text(unit)}</span>'
+    # Some sizes have no interval, e.g. those that the data fix from one side only.
     if not interval or size.low is None or size.high is None:
         return said
     words = f"90 % interval: {interval}"
@@ -211,6 +228,7 @@ def _format_shares(cause: Cause) -> str:
     ]
     cells = "".join(
         f"<span>{escape_text(sentences.find_effect_title(effect_id))}{_format_effect_id(effect_id)}</span>"
+        # The first row is the cause itself and has the leading colour.
         f'<span class="number">{said}</span>{draw_share_bar(share, said, k == 0)}'
         for k, (effect_id, share, said) in enumerate(rows)
     )
@@ -249,6 +267,7 @@ def _format_gains(gains: Sequence[Gain]) -> str:
     rows = []
     for gain in gains:
         after, interval = format_with_interval(gain.after, gain.low, gain.high)
+        # A perfect nominal prediction has no percentage of improvement.
         less = 100.0 * (1.0 - gain.after / gain.before) if gain.before > 0.0 else 0.0
         change = f"{abs(less):.0f} % {'less' if less >= 0.0 else 'more'}"
         rows.append(
@@ -265,6 +284,7 @@ def _format_gains(gains: Sequence[Gain]) -> str:
     return format_table(
         ("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"),
         rows,
+        # The columns with numbers are aligned right.
         frozenset({2, 3, 4, 5}),
     ) + format_paragraph("The interval is of the error with the causes.", "dim")
 
@@ -307,6 +327,7 @@ def _format_channels(found: Diagnosis) -> str:
 def _format_alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
     """Returns bias, error and noise with the same number of decimals, which shows three digits of
     the noise."""
+    # A noise of zero, e.g. in simulated data, gives no scale; the error replaces it.
     decimals = count_decimals(noise if noise > 0.0 else rmse) + 1
     return format_fixed(bias, decimals), format_fixed(rmse, decimals), format_fixed(noise, decimals)
 
@@ -350,9 +371,11 @@ def _format_not_shown(found: Diagnosis) -> str:
 
 
 def _format_provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
+    # Imported here, because the version is looked up on the disk.
     from topdress.drivers.files.run_meta import find_software_version
 
     pairs = []
+    # Several logs are joined by " + " in the result; each has its own checksum.
     for path in [p for p in found.data.path.split(" + ") if p]:
         pairs.append(("Data", escape_text(path)))
         checksum = _find_checksum(path, tools.get("sha256"))
@@ -370,6 +393,7 @@ def _format_provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
 
 
 def _find_checksum(path: str, given: Mapping[str, str] | str | None) -> str:
+    # A checksum that the caller knows is used, since a large log takes seconds to hash.
     if isinstance(given, str):
         return given
     if given and path in given:
@@ -378,5 +402,6 @@ def _find_checksum(path: str, given: Mapping[str, str] | str | None) -> str:
 
     try:
         return calc_sha256(Path(path))
+    # The data may have been moved since the diagnosis; the page then omits the checksum.
     except OSError:
         return ""

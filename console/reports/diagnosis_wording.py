@@ -36,6 +36,7 @@ from topdress.control.machine.machine import CATALOGUE
 
 # Smallest probability of a cause that a headline names.
 MIN_HEADLINE_PROB = 0.5
+# Decimals of a place error in metres, i.e. centimetres.
 PLACE_DIGITS = 2
 
 # Words of each verdict: in a sentence, as a single word, and as a symbol.
@@ -46,6 +47,7 @@ VERDICT_WORDS = {
     "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
     "not_judged": ("not judged", N_("NOT JUDGED"), "??"),
 }
+# The keys are the channels of the JSON result; only the values are translated.
 CHANNEL_NAMES = {
     "shaft": N_("shaft"),
     "gate": N_("gate"),
@@ -62,11 +64,14 @@ CHANNEL_NAMES = {
 
 def name_channel(channel: str) -> str:
     """Returns the channel in words."""
+    # A channel without an entry here appears under its id.
     return _(CHANNEL_NAMES.get(channel, channel))
 
 
 def find_effect_title(effect_id: str) -> str:
     """Returns the title of an effect, in the language in use."""
+    # The unknown effect has no entry in the catalogue, because it stands for all effects that are
+    # missing there.
     if effect_id == UNKNOWN:
         return _("something else")
     entry = CATALOGUE.get(effect_id)
@@ -96,6 +101,7 @@ def list_rivals(cause: Cause) -> tuple[tuple[str, float], ...]:
 def is_headline(cause: Cause) -> bool:
     """Returns whether a cause is likely enough for a headline; a less likely cause is only
     suspected."""
+    # A cause that ties with a rival must not be a headline: the order of both would be arbitrary.
     return cause.probability >= MIN_HEADLINE_PROB and all(
         share < cause.probability for _rival, share in list_rivals(cause)
     )
@@ -103,6 +109,7 @@ def is_headline(cause: Cause) -> bool:
 
 def sort_headlines(found: Diagnosis) -> Diagnosis:
     """Returns the diagnosis with suspected causes after the others."""
+    # sorted() is stable: within each group the order of the probabilities remains.
     return replace(
         found, causes=tuple(sorted(found.causes, key=lambda cause: not is_headline(cause)))
     )
@@ -111,6 +118,7 @@ def sort_headlines(found: Diagnosis) -> Diagnosis:
 def has_named_rivals(cause: Cause) -> bool:
     """Returns whether the data cannot separate a cause from rivals with a name, so that all of them
     are equals."""
+    # The unknown effect is a rival of every cause, so it alone does not make a cause undecided.
     return any(rival != UNKNOWN for rival, _share in list_rivals(cause))
 
 
@@ -148,6 +156,7 @@ def is_undecided(cause: Cause) -> bool:
 
 def describe_time_span(cause: Cause) -> str:
     """Returns the part of the log with the effect; "" for an effect in the whole log."""
+    # A missing end is written as 0 here; the branches below use only the ends that exist.
     begin, end = f"{cause.onset_s or 0.0:.0f}", f"{cause.until_s or 0.0:.0f}"
     if cause.grows:
         size = cause.size
@@ -174,12 +183,14 @@ def format_size(size: Size) -> str:
 
 def describe_field_cost(of: FieldCost) -> str:
     """Returns the effect on dose and position without compensation."""
+    # None means that the data cannot tell, which differs from an effect of zero.
     if of.rate_error_percent is None and of.place_error_m is None:
         return "not known"
     said = []
     if of.rate_error_percent:
         word = "much" if of.rate_error_percent > 0.0 else "little"
         said.append(f"{format_number(abs(of.rate_error_percent), 2)} % too {word} is spread")
+    # An error that rounds to 0.00 m is omitted.
     if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0**-PLACE_DIGITS:
         word = "beyond" if of.place_error_m > 0 else "short of"
         said.append(
@@ -194,6 +205,7 @@ def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str
     """Returns the part that no effect explains: its size, its time, and the nearest effect.
     `column` adds the name of the column."""
     if of.variable:
+        # The kind of data matters: a variable has another name in a bench table than in a run log.
         name = _(find_variable(of.variable, kind).name)
         said = _("{channel} changes with {variable}; none of the known causes fits").format(
             channel=name_channel(of.channel),
@@ -209,6 +221,7 @@ def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str
         )
     ]
     if of.rms is not None and of.noise is not None:
+        # The decimals follow the noise, because digits below the noise carry no information.
         decimals = count_decimals(of.noise if of.noise > 0.0 else of.rms)
         facts.append(
             _("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
@@ -270,6 +283,7 @@ def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             refused.append(f"{cause.id}: {why}")
         else:
             kept.append(cause.id)
+    # A term may model a residual structure; such a structure is then not listed as refused.
     modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
     for term in found.terms:
         if why := find_term_refusal(term):
@@ -300,6 +314,7 @@ class UndetectedEffects(NamedTuple):
 
 def list_undetected_effects(found: Diagnosis) -> UndetectedEffects:
     """Returns the effects that were not found. Several kinds of data are joined by a plus."""
+    # Effects without a smallest detectable size are those that no size makes visible in these data.
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
     hoped_for = [
         one
@@ -307,6 +322,7 @@ def list_undetected_effects(found: Diagnosis) -> UndetectedEffects:
         if one in CATALOGUE
         and any(
             kind in where
+            # A diagnosis of two kinds of tables joins their names by a plus, e.g. "catch+lag".
             for kind in found.data.kind.split("+")
             for where in CATALOGUE[one].effect.seen_in
         )
@@ -321,6 +337,7 @@ def list_undetected_effects(found: Diagnosis) -> UndetectedEffects:
 def list_not_judged(found: Diagnosis) -> tuple[str, ...]:
     """Returns channels that a run log of this machine may have and that could not be judged in this
     log; none for bench tables."""
+    # A bench table has only the channels of its test, so no channel is missing there.
     may, judged = found.data.stages or RUN_CHANNELS, {channel.channel for channel in found.channels}
     return (
         tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged)
@@ -332,6 +349,7 @@ def list_not_judged(found: Diagnosis) -> tuple[str, ...]:
 def format_verdict_line(found: Diagnosis) -> str:
     """Returns the channels that were not judged, then the verdict, in one line; for tied rivals
     also the test that separates them."""
+    # A test that separates tied rivals is worth more to the operator than their names.
     if (
         found.verdict == "ambiguous"
         and found.next_run is not None
@@ -339,6 +357,7 @@ def format_verdict_line(found: Diagnosis) -> str:
     ):
         return _describe_next_test(found)
     missing = list_not_judged(found)
+    # The verdict "not judged" already lists the reason, so the channels need no sentence before it.
     if not missing or found.verdict == "not_judged":
         return _format_verdict(found)
     channels = ", ".join(map(name_channel, missing))
@@ -350,8 +369,10 @@ def _describe_next_test(found: Diagnosis) -> str:
     others is no headline. If no test of the program separates the rivals, their names come first,
     with the remark that the data cannot decide."""
     assert found.next_run is not None
+    # A step without a duration, e.g. an inspection, has no minutes.
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     equals, what = (
+        # dict.fromkeys removes doubles and keeps the order of the probabilities.
         dict.fromkeys(name for cause in found.causes for name, _sure in list_ties(cause)),
         list_next_steps(found)[0],
     )
@@ -390,6 +411,8 @@ def _format_verdict(found: Diagnosis) -> str:
         )
     if found.verdict == "unexplained" and found.unexplained:
         said = describe_unexplained(found.unexplained[0], found.data.kind, column=False)
+        # A known cause next to an unexplained part is named too: the operator can act on it at
+        # once.
         return said if not likely else f"{said} {_('Besides:')} {find_cause_title(likely[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
@@ -430,6 +453,7 @@ def list_next_steps(found: Diagnosis) -> tuple[str, ...]:
     """Returns the next steps of a person as items of a list, each with a capital and without a full
     stop."""
     steps = (_(step) for step in found.next_run.to_do()) if found.next_run is not None else ()
+    # The first letter alone is raised: str.capitalize() would lower names such as GNSS.
     return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
 
 
@@ -443,8 +467,10 @@ def describe_improvement(
     """
     if low is None or high is None:
         return _("the log is too short to say")
+    # An interval with zero inside means that the difference may be chance.
     if low <= 0.0 <= high:
         return _("no difference beyond chance")
+    # A perfect old prediction has no percentage.
     share = f"{100.0 * abs(1.0 - new / old):.0f}" if old > 0.0 else "-"
     form = _("better: {percent} % less error") if low > 0.0 else _("worse: {percent} % more error")
     return lead + form.format(percent=share)

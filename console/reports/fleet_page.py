@@ -36,9 +36,12 @@ from topdress.control.machine.machine import CATALOGUE
 from topdress.drivers import day_clock
 
 # Number of machines with pictures.
+# The machines are sorted by loss: the cheapest get a row of the table and no picture.
 MAX_PICTURED_MACHINES = 40
 # Number of dates along a picture.
+# Seven dates fit below a picture of 7.2 inches without touching each other.
 MAX_DATES = 7
+# The keys are the factors of the season's fit; only the values are translated.
 FACTOR_NAMES = {
     "product": N_("product"),
     "operator": N_("operator"),
@@ -67,6 +70,7 @@ def make_fleet_page(
     wrong clock. `by_file_date` is the number of logs without a time of their own.
     """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
+    # Ranges are summed end by end: the widest range that the machines' ranges allow.
     wrong = _format_expected(
         sum(one.wrong_kg for one in machines),
         sum(one.least_kg for one in machines),
@@ -81,6 +85,8 @@ def make_fleet_page(
         _("hours"),
         _("applied, kg"),
         _("spread wrongly, kg"),
+        # Without a price the column is absent: a column of zeros would suggest that nothing was
+        # lost.
         *([] if price is None else [_("money, {currency}").format(currency=currency)]),
         _("dose now by itself, %"),
         _("by operator, product, field, %"),
@@ -108,6 +114,7 @@ def make_fleet_page(
         ]
         for one in machines
     ]
+    # The first column and the last hold words and are aligned left.
     numbers = frozenset(range(1, len(head) - 1))
     by_file = (
         [
@@ -146,9 +153,11 @@ def make_fleet_page(
             ),
         ),
         *_make_level_tables(fit, units),
+        # Only the costliest machines get pictures.
         *(
             _format_machine(one, units, number)
             for number, one in enumerate(machines[:MAX_PICTURED_MACHINES])
+            # A machine whose causes have no time course has nothing to draw.
             if any(cost.cause.pieces for cost in one.costs)
         ),
         format_section(
@@ -156,6 +165,7 @@ def make_fleet_page(
         ),
         format_section(
             _("Logs that could not be read"),
+            # A reason that already contains the path is not preceded by the path again.
             format_list(why if path in why else f"{path}: {why}" for path, why in broken),
         ),
     ]
@@ -172,6 +182,7 @@ def _format_expected(
     expected: float, least: float, most: float, digits: int = 0, sign: str = ""
 ) -> str:
     """Returns the expected value, and its range where a set of causes leaves it open."""
+    # "+z" prints a sign and turns -0 into +0, so that a zero never looks like a loss.
     mid, low, high = (
         f"{one:{sign}.{digits}f}" if sign else format_fixed(one, digits)
         for one in (expected, least, most)
@@ -184,6 +195,7 @@ def _format_expected(
 def _make_level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str]:
     """Yields every operator and product of each reported effect, the most frequent marked, with its
     interval."""
+    # Effects are sorted by id, so that two runs write identical pages.
     for effect in sorted({one.effect for one in fit.levels}):
         rows = [
             [
@@ -193,6 +205,7 @@ def _make_level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str
                 f"{100.0 * one.probability:.0f}",
                 "" if one.apart else _("these logs cannot part it from others"),
             ]
+            # Machines and fields have their own sections; here people and products are compared.
             for one in fit.levels
             if one.effect == effect and one.factor in ("operator", "product")
         ]
@@ -216,6 +229,7 @@ def _make_level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str
 
 def find_member_title(name: str) -> str:
     """Returns an effect's title; for an effect of one head or outlet with its number."""
+    # Members are ids such as canopy.gain#2 for head 2.
     effect_id, _hash, member = name.partition("#")
     title = _(CATALOGUE[effect_id].effect.title)
     return f"{title} {member}" if member else title
@@ -224,6 +238,7 @@ def find_member_title(name: str) -> str:
 def describe_costliest(one: MachineCost) -> str:
     """Returns the costliest present cause of a machine, its own or shared; or its set of
     alternatives."""
+    # Costs are sorted by kilograms, so the first present cause is the costliest.
     cause = next((cost.cause for cost in one.costs if is_still_there(cost.cause)), None)
     if cause is None:
         return "-"
@@ -237,6 +252,8 @@ def describe_alternatives(cause: SeasonCause) -> str:
         return find_member_title(cause.effect)
     own = cause.factor, cause.level
     return _(" or ").join(
+        # An alternative under another operator or product carries this name, since only the effect
+        # is equal.
         f"{find_member_title(one.effect)}"
         f"{'' if (one.factor, one.level) == own else ' (' + _format_factor(one) + ')'} "
         f"{100.0 * one.probability:.0f} %"
@@ -255,6 +272,7 @@ def list_service_steps(machines: Sequence[MachineCost]) -> list[str]:
     for one in machines:
         for cost in one.costs:
             if is_still_there(cost.cause):
+                # A shared cause belongs to its product or operator, whose step is listed only once.
                 who = one.machine if cost.cause.pieces else _format_factor(cost.cause)
                 of = sums.setdefault((who, cost.cause), [0.0, 0.0, 0.0])
                 of[:] = (of[0] + cost.kg, of[1] + cost.least_kg, of[2] + cost.most_kg)
@@ -265,6 +283,7 @@ def list_service_steps(machines: Sequence[MachineCost]) -> list[str]:
             title=describe_alternatives(cause),
             kg=_format_expected(kg[0], kg[1], kg[2], 1),
         )
+        # Equal expected masses are ordered by the larger upper end.
         for (who, cause), kg in sorted(sums.items(), key=lambda each: (-each[1][0], -each[1][2]))
     ]
 
@@ -272,6 +291,8 @@ def list_service_steps(machines: Sequence[MachineCost]) -> list[str]:
 def _describe_advice(cause: SeasonCause) -> str:
     """Returns the effect of a cause and its remedy; for alternatives each of them, to be checked in
     turn."""
+    # The list is reversed so that the likeliest alternative of an effect overwrites less likely
+    # ones.
     sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
     sizes[cause.effect] = cause.final_size
     said = [
@@ -285,6 +306,7 @@ def _describe_advice(cause: SeasonCause) -> str:
 
 def describe_for_owner(effect: str, size: float) -> str:
     """Returns an effect in the words of the machine's owner, and its remedy."""
+    # The member is cut off, because all heads share the advice of their effect.
     found = CATALOGUE[effect.partition("#")[0]].effect
     return _("{what} {advice}").format(
         what=_(found.choose_sentence(size)).format(size=f"{abs(size):.2g}"), advice=_(found.advice)
@@ -307,6 +329,7 @@ def describe_course(course: SeasonCause, unit: str, kg: str) -> str:
             slope=f"{last.per_day:+.3f}", unit=unit
         )
     for change in course.changes:
+        # A change is called a repair if at least half of its probability points to one.
         if change.repair >= 0.5 * change.probability:
             said += _(
                 ", repaired or set anew on {date} with {percent} % ({logs} logs after)"
@@ -405,11 +428,18 @@ def _draw_course(course: SeasonCause, unit: str, kg: str) -> Picture:
     panel = sheet.panel
     panel.make_x_ticks = _make_date_ticks
     panel.plot_intervals(
-        course.times_d, course.sizes, course.halves, BEFORE_COLOUR, bar_colour=DIM_COLOUR, size=3.0
+        # Intervals of single logs stay dim, so that the fitted course in colour stands out.
+        course.times_d,
+        course.sizes,
+        course.halves,
+        BEFORE_COLOUR,
+        bar_colour=DIM_COLOUR,
+        size=3.0,
     )
     for piece in course.pieces:
         ends_d = piece.begin_d, piece.end_d
         panel.plot(ends_d, (piece.begin, piece.end), AFTER_COLOUR, width=2.0)
+    # The zero line is the machine as its file describes it.
     panel.draw_level(0.0)
     panel.label("", unit, find_member_title(course.effect))
     return Picture(sheet.to_svg(said), said)
@@ -422,4 +452,5 @@ def _make_date_ticks(low_d: float, high_d: float, most: int) -> list[Tick]:
 
 
 def _format_date(time_d: float) -> str:
+    # The season's fit counts time in days since 1970; a day has 86,400 s.
     return day_clock.convert_to_utc(time_d * 86_400.0).date().isoformat()

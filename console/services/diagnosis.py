@@ -53,9 +53,13 @@ from topdress.drivers.files.extras import (
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
+# A folder of several seasons holds thousands of logs; the newest ones are those that a driver looks
+# for.
 MAX_LISTED_FILES = 200
 # Name of the extra in pyproject.toml.
 DIAGNOSIS_EXTRA = "diagnosis"
+# "-P" keeps the current folder off the module path: a file named numpy.py there would replace the
+# library.
 JOB_ARGUMENTS = ("-P", "-m", "topdress.console.services.diagnosis_job")
 
 
@@ -75,6 +79,7 @@ class DiagnosisFiles:
         own: Path | None = None,
     ) -> None:
         self.own = own or find_data_folder()
+        # The user's own logs come first; a folder that is named twice is searched once.
         self.folders = tuple(dict.fromkeys((self.own / "logs", *(folders or (Path.cwd(),)))))
         self.machine, self.effects = machine, effects
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
@@ -85,16 +90,21 @@ class DiagnosisFiles:
         is being written."""
         found: dict[Path, float] = {}
         for folder in self.folders:
+            # A missing or unreadable folder, e.g. a removed USB stick, must not hide the other
+            # folders.
             with contextlib.suppress(OSError):
                 for path in folder.iterdir():
                     if is_likely_log(path):
+                        # A log can vanish between the listing and the query of its time.
                         with contextlib.suppress(OSError):
                             found[path.resolve()] = path.stat().st_mtime
+        # The log in progress may lie in a folder that is not searched.
         if running_log and Path(running_log).is_file():
             found[Path(running_log).resolve()] = Path(running_log).stat().st_mtime
         running = Path(running_log).resolve() if running_log else None
         listed = []
         for path in sorted(found, key=lambda one: -found[one])[:MAX_LISTED_FILES]:
+            # A file that is no log after all is omitted without a message, since nobody chose it.
             with contextlib.suppress(OSError, ValueError):
                 listed.append(_make_source(path)._replace(working=path == running))
         return tuple(listed)
@@ -125,11 +135,14 @@ class DiagnosisFiles:
         command = [*find_installer(), *list_requirements(DIAGNOSIS_EXTRA)]
         tell(0.0, "installing")
         try:
+            # A process of its own survives no stop: the callback kills it, and the page stays
+            # usable meanwhile.
             with subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
+                # A session of its own keeps Ctrl-C in the terminal from reaching the installer.
                 start_new_session=True,
                 text=True,
                 errors="replace",
@@ -140,8 +153,11 @@ class DiagnosisFiles:
             raise ValueError(f"{command[0]}: {error.strerror or error}") from None
         if stop.is_set():
             raise WorkStopped
+        # Python caches the folders' contents; without this call the new modules stay invisible
+        # until a restart.
         importlib.invalidate_caches()
         if child.returncode or not self.is_installed():
+            # The last line of pip's stderr states the reason.
             why = trouble[-1] if trouble else f"ended with {child.returncode}"
             raise ValueError(f"{format_extra_line(DIAGNOSIS_EXTRA)}: {why}")
 
@@ -170,6 +186,8 @@ class DiagnosisFiles:
         diagnosis of its log."""
         if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
+        # Without a planted effect the likeliest cause is simulated, so that the run has something
+        # to separate.
         planted = self.effects or tuple(text for text in (_format_likeliest_cause(found),) if text)
         return self._run_order(
             DiagnosisOrder(
@@ -194,6 +212,7 @@ class DiagnosisFiles:
         )
         self._run_job_process(order, tell, stop)
         made = Path(order.folder) / REPORT_NAME
+        # A result without a report is shown all the same.
         stem = f"{Path(source.path).stem}-compared"
         report = _copy_to_folder(made, self.own / "reports", stem, ".html") if made.exists() else ""
         plain = json.loads((Path(order.folder) / RESULT_NAME).read_text(encoding="utf-8"))
@@ -214,8 +233,11 @@ class DiagnosisFiles:
         """Carries out the order in a process of its own. Raises Stopped, OpenQuestions, and
         ValueError of one line."""
         require_extras("a diagnosis", DIAGNOSIS_EXTRA)
+        # The order is a file, because a command line has a limit of length and shows in the list of
+        # processes.
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
+        # stderr goes to a file: a full pipe that nobody reads would block the process.
         trouble = Path(order.folder) / "trouble.txt"
         with (
             trouble.open("wb") as heard,
@@ -224,6 +246,8 @@ class DiagnosisFiles:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=heard,
+                # One thread for each numerical library leaves the cores to the control loop and the
+                # screen.
                 env=os.environ | ONE_THREAD_VARIABLES,
                 start_new_session=True,
                 text=True,
@@ -234,6 +258,7 @@ class DiagnosisFiles:
             asked: ImportNeedsAnswersError | None = None
             assert child.stdout is not None
             for line in child.stdout:
+                # A line that is no JSON, e.g. a library's print, is skipped.
                 with contextlib.suppress(ValueError):
                     said = json.loads(line)
                     if "share" in said:
@@ -243,6 +268,8 @@ class DiagnosisFiles:
                             tuple(map(str, said["questions"])), str(said["import_file"])
                         )
                     done, why = bool(said.get("done", done)), str(said.get("error", why))
+        # The stop comes first: a killed process also ends with an error, which is not what
+        # happened.
         if stop.is_set():
             raise WorkStopped
         if asked is not None:
@@ -254,8 +281,10 @@ class DiagnosisFiles:
             )
 
     def _make_job_folder(self) -> Path:
+        # The last line of a Python traceback states the exception.
         if self._scratch is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-")
+        # Each order has a folder of its own, so that two results never mix their files.
         self._made += 1
         folder = Path(self._scratch.name) / str(self._made)
         folder.mkdir()
@@ -269,12 +298,15 @@ class DiagnosisFiles:
             )
         offer = find_offer(found, chosen.ids)
         if offer is None:
+            # Only a selection for which the diagnosis process wrote a machine file can be adopted.
             raise ValueError(
                 f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of "
                 "them at a time"
             )
         if not offer.file:
             raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
+        # The machine's id and the date make the name; find_free_path adds a number instead of
+        # overwriting.
         return _copy_to_folder(
             Path(found.folder) / offer.file,
             self.own / "machines",
@@ -341,6 +373,7 @@ class DiagnosisFiles:
             f"{found.source}.\n"
         )
         said += run.plan
+        # A job file has no orders for shaft, opening and halts, so the comment tells the operator.
         if drive.orders is not None:
             said += (
                 "\nShaft, opening and halts are the operator's to set: this file holds "
@@ -356,6 +389,7 @@ def _make_source(path: Path) -> DiagnosisSource:
     log, bench table nor importable."""
     status = path.stat()
     kind = _find_source_kind(path)
+    # The import is tried last, because it accepts almost any table.
     if kind is None and is_importable(path):
         kind = IMPORT_KIND
     if kind is None:
@@ -364,12 +398,14 @@ def _make_source(path: Path) -> DiagnosisSource:
         )
     changed = day_clock.format_file_time(status.st_mtime)
     size = status.st_size
+    # Below 100 kB a figure in MB would round to 0.0.
     said = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
     return DiagnosisSource(str(path), path.name, kind, changed, said, bytes=size)
 
 
 def _find_source_kind(path: Path) -> str | None:
     """Returns "run" or the kind of a bench table; None for a file that the import may read."""
+    # A file in another format is left to the import without being opened.
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
     # This import takes a second and is needed for few files.
@@ -386,6 +422,8 @@ def _find_source_kind(path: Path) -> str | None:
 def _format_likeliest_cause(found: DiagnosisView) -> str:
     """Returns the likeliest unconfirmed cause with its size; used where this console simulates no
     effect of its own."""
+    # The separating run is planned for causes with rivals; a cause without rivals is the
+    # substitute.
     known = [cause for cause in found.found.causes if cause.size.value is not None]
     doubtful = [cause for cause in known if list_rivals(cause)] or known
     if not doubtful:

@@ -37,6 +37,7 @@ from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB_KIND, CROP_KIND, JOB_KIND, MACHINE_KIND, PRODUCT_KIND
 from topdress.drivers.plain_text import RefusedInput
 
+# These modules are needed by the type checker only: the screens start sooner without them.
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from topdress.console.link import Link
@@ -82,6 +83,8 @@ class JobFiles:
         with shorten_config_error():
             found = self._load_files()
             setup = build_setup(found, day_clock.read_today())
+            # A start without a job or machine file uses the shipped demo job and the shipped
+            # Huanghai machine.
             job_path, machine_path = (
                 _find_file_path(found, JOB_KIND.format, "demo"),
                 _find_file_path(found, MACHINE_KIND.format, "huanghai"),
@@ -131,18 +134,26 @@ class JobFiles:
         if setup.job.target.map is None:
             return "", None, ""
         path, limit_kg_ha = setup.folder / setup.job.target.map, setup.crop.max_rate_kg_ha
+        # The check uses the field in which the loop will run: a simulated job without a boundary
+        # gets the simulator's field.
         job = _add_simulated_field(setup.job, setup.machine, found)
+        # A map can consist of several files, e.g. shapefile and .dbf or the parts of a zip; a
+        # change of any of them makes the check old.
         stands = tuple(
             (file, file.stat().st_mtime_ns, file.stat().st_size)
             for file in list_opened_files(path)
             if file.is_file()
         )
+        # The crop's limit belongs to the key, because the check compares the map's rates with this
+        # limit.
         key = (stands, job.target, job.field, limit_kg_ha)
         if self._checked is None or self._checked[0] != key:
             try:
                 check = find_map_check(job, limit_kg_ha, setup.folder)
                 assert check is not None
                 self._checked = key, check
+            # The refusal is remembered as well, so that an unusable large map is not read again at
+            # each refresh.
             except (RefusedInput, OSError) as error:
                 self._checked = key, error
         checked = self._checked[1]
@@ -160,6 +171,8 @@ class JobFiles:
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         found: dict[str, FileChoice] = {}
+        # setdefault keeps the first mention of a path, so the file in use stays first and appears
+        # once.
         for path in (*(() if now is None else (now,)), *own, *find_shipped_files(folder).values()):
             found.setdefault(str(path), FileChoice(str(path), path.stem))
         return tuple(found.values())
@@ -175,11 +188,15 @@ class JobFiles:
         """Chooses another job, crop or machine file for the next start. Raises ValueError."""
         value = _clean_typed_path(value)
         with shorten_config_error():
+            # A crop has no place of its own in the file set: the job names it, so the job is
+            # rewritten.
             if kind == "crop":
                 load_config(Path(value), CROP_KIND)
                 self._write_new_job({"crop": value}, f"crop {Path(value).stem}")
                 return
             wanted = {"job": JOB_KIND, "machine": MACHINE_KIND}[kind]
+            # The file is loaded on its own first: its own error is clearer than an error of the
+            # whole set.
             load_config(Path(value), wanted)
             self._replace_file(wanted.format, value)
 
@@ -193,6 +210,8 @@ class JobFiles:
         """Chooses the files of a recent job. Raises ValueError."""
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
+        # The old set is checked before it is chosen, because a recent job's files may have been
+        # moved or deleted since.
         with shorten_config_error():
             build_setup(load_by_kind(recent.files), day_clock.read_today())
         self._next = recent.files
@@ -210,6 +229,8 @@ class JobFiles:
                 else f"{what}: NDVI {strip.ndvi:.4f}{how}"
             )
             self._write_new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
+            # The file gets its place at once, because no restart of the worker follows that would
+            # do it.
             self._settle_changed_job()
             self._launcher.config, self._next, self._changed = (
                 self._next or self._launcher.config,
@@ -266,6 +287,8 @@ class JobFiles:
         path = _clean_typed_path(path)
         try:
             read = read_prescription(path, choice)
+        # A file with several rate columns is no error: the operator chooses the column on the
+        # screen.
         except RateQuestion as question:
             return MapPreview(
                 path, reading, question.columns, describe_refusal(question, Path(path))
@@ -278,12 +301,16 @@ class JobFiles:
             raise ValueError(f"{error.strerror or error}: {path}") from None
         if self._scratch is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-maps-")
+        # The preview is written as GeoJSON in kg/ha, so the job reads the values that the operator
+        # saw on the screen, whatever the source's format.
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
         shares = calc_rate_shares(read.data)
         doubtful = find_implausible_rates(
             [share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha
         )
+        # A file without a unit is read as kg/ha; rates that no field gets show that this reading is
+        # wrong.
         if read.unit_from == UNIT_NOT_NAMED and doubtful:
             return MapPreview(
                 path,
@@ -296,6 +323,7 @@ class JobFiles:
             setup.job.model_copy(update={"target": target}), setup.machine, found
         )
         check = find_map_check(job, setup.crop.max_rate_kg_ha, kept.parent)
+        # An empty map has no rates, and min() and max() of an empty list would raise.
         rates = [share.rate_kg_ha for share in shares] or [0.0]
         picture = make_job_picture(job, kept.parent, setup.machine.geometry.working_width_m)
         return MapPreview(
@@ -327,7 +355,11 @@ class JobFiles:
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(place, Path(preview.kept).read_bytes())
+            # A job whose source already uses a map keeps this source; any other job changes to the
+            # map.
             source = target.source if target.source in MAP_SOURCES else TargetSource.MAP
+            # The mean rate belongs to source canopy alone: a job with a map and this key would be
+            # refused.
             changed = target.model_copy(
                 update={"map": str(place), "source": source, "hold_mean_kg_ha": None}
             )
@@ -388,15 +420,21 @@ class JobFiles:
         path = _find_file_path(self._load_files(), JOB_KIND.format, "demo")
         loaded = load_config(path, JOB_KIND)
         job, folder, own = loaded.model, path.parent, self._folder / JOB_KIND.folder
+        # A job outside the user's folder, e.g. a shipped one, is never overwritten: the copy gets a
+        # free name.
         place = path if folder.resolve() == own.resolve() else find_free_path(own, job.id, ".yaml")
         crop = _resolve_named_file(folder, job.crop)
         product_file = (
             None if job.product_file is None else _resolve_named_file(folder, job.product_file)
         )
+        # Names of files in a job are relative to its folder; the copy lies in another folder and
+        # therefore gets whole paths.
         new = job.model_copy(
             update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
         ).rename_files(lambda named: str((folder / named).resolve()))
         now = day_clock.read_local_now()
+        # The new version waits in the history until the worker starts with it: a failed start then
+        # leaves the job as it was.
         kept = (
             find_free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml")
             if place == path
@@ -404,6 +442,8 @@ class JobFiles:
         )
         try:
             kept.parent.mkdir(parents=True, exist_ok=True)
+            # The history of the changes stays at the head of the file; a copy begins a history of
+            # its own.
             before = _read_head_comments(path) if place == path else [f"From {path.name}."]
             save_config(
                 kept, new, JOB_KIND, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"])
@@ -424,6 +464,8 @@ class JobFiles:
         place, kept = self._changed
         if kept != place:
             try:
+                # Both contents are read before either file is written, so a failed read changes
+                # nothing.
                 new, old = kept.read_bytes(), place.read_bytes()
                 write_atomically(place, new)
                 write_atomically(kept, old)
@@ -436,6 +478,8 @@ class JobFiles:
         """Checks the new set of files together. Raises ConfigError."""
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
+        # Files that are valid alone can contradict each other, e.g. a job's rate and a machine's
+        # limits.
         build_setup(load_by_kind(self._make_file_set(kind, value)), day_clock.read_today())
 
     def _replace_file(self, kind: str, value: str) -> None:
@@ -453,6 +497,7 @@ class JobFiles:
 
     def drop_choices(self) -> None:
         """Discards the choices for the next start."""
+        # The version that was never used is deleted; the job's own file must survive.
         if self._changed is not None and self._changed[0] != self._changed[1]:
             self._changed[1].unlink(missing_ok=True)
         self._next = self._changed = None
@@ -460,11 +505,15 @@ class JobFiles:
     async def restart_worker(self, anew: bool = False) -> Link:
         """Starts a worker with the chosen files. Raises WorkerFailed, ValueError, OSError; the
         previous files then stay in use."""
+        # The interrupted jobs are found before the files change, because they are searched on the
+        # field of these files.
         before, left = self._launcher.config, self._find_left_jobs()
         self._settle_changed_job()
         self._launcher.config, self._next = self._next or before, None
         try:
             return await self._begin_worker(left, anew)
+        # After a failed start the earlier files return, and the second call of
+        # `_settle_changed_job` swaps the contents back.
         except (RuntimeError, ValueError, OSError):
             self._launcher.config = before
             self._settle_changed_job()
@@ -475,6 +524,7 @@ class JobFiles:
     async def _begin_worker(self, left: Sequence[OpenJob], anew: bool) -> Link:
         """Starts a worker on a field with these interrupted jobs, the newest first."""
         if anew:
+            # A job that starts anew is offered no longer: its interrupted parts count as finished.
             for one in left:
                 resume.mark_finished(one.path)
         return await self._launcher.start_link(
@@ -510,6 +560,8 @@ class JobFiles:
         def gather_as_applied(recorded: RunLog) -> AsApplied:
             applied = build_as_applied(recorded)
             every_s = applied.totals.worked_s / MAX_DRAWN_SEGMENTS
+            # A long job has more segments than a page draws quickly; segments are then made longer,
+            # and totals stay equal.
             return (
                 build_as_applied(recorded, every_s=every_s)
                 if every_s > DEFAULT_STRETCH_S
@@ -549,6 +601,8 @@ class JobFiles:
         for number, log in enumerate(logs):
             try:
                 for step, what in enumerate((READING, GATHERING, WRITING)):
+                    # A cancelled export keeps the files that are complete; no half-written file
+                    # remains, because each is written at once.
                     if cancelled():
                         return tuple(written)
                     progress(3 * number + step, 3 * len(logs), what)
@@ -561,6 +615,8 @@ class JobFiles:
                         write(recorded, applied, out)
                         written.append(str(out))
             except (ExportError, TableError) as error:
+                # A part without work, e.g. after a restart in the yard, is no error while another
+                # part has a file.
                 if len(logs) == 1 or (log == logs[-1] and not written):
                     raise ValueError(str(error).splitlines()[0]) from None
         return tuple(written)
@@ -570,13 +626,18 @@ class JobFiles:
         """Returns the logs of the job, oldest first."""
         log = Path(log_path)
         try:
+            # Only the snapshot lists the logs of the earlier parts; without it the log is the only
+            # part.
             before = resume.read_snapshot(resume.make_snapshot_path(log)).logs_before
         except (OSError, ValueError):
             before = ()
+        # The operator may have moved an earlier part to another disk.
         return (*(path for path in map(Path, before) if path.exists()), log)
 
     def find_offer(self) -> JobOffer | None:
         """Returns the interrupted job that can continue; None without such a job."""
+        # A job of the same name comes before other jobs on this field; sorted() keeps the newest
+        # first within each group.
         left = sorted(self._find_left_jobs(), key=lambda one: not one.is_same_job)
         if not left:
             return None
@@ -599,7 +660,10 @@ class JobFiles:
         now, config = day_clock.read_utc_now(), self._next or self._launcher.config
         if not config:
             return [
-                OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.log_folder, now)
+                # Without files the field is unknown; a share of 1.0 lets the newest job continue
+                # with its totals.
+                OpenJob(*one, 1.0)
+                for one in resume.find_open_jobs(self._launcher.log_folder, now)
             ][:1]
         with shorten_config_error():
             found = load_by_kind(config)
@@ -616,6 +680,8 @@ class JobFiles:
         ValueError, OSError."""
         kept, left = resume.read_snapshot(Path(offer.path)), self._find_left_jobs()
         launcher = self._launcher
+        # Effects, seed and tick rate of the interrupted job return, so that a simulated job
+        # continues on the machine on which it began.
         launcher.config, launcher.effects = launcher.config or kept.config, kept.effects
         launcher.seed, launcher.hz = kept.seed, kept.hz
         return await self._begin_worker(left, False)
@@ -660,6 +726,7 @@ def _add_simulated_field(
 
 def _is_simulated_cab(found: dict[str, LoadedConfig[BaseModel]]) -> bool:
     cab = found.get(CAB_KIND.format)
+    # Without a cab file the console runs on its simulated machine.
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
