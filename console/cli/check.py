@@ -49,6 +49,7 @@ def check_files(
     force: ForceOption = False,
 ) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
+    # Collisions are found before anything is written: either all schemas are written or none.
     if write_schemas is not None:
         outputs = [
             make_marked_output(write_schemas / f"{name}.json", b'"$schema"')
@@ -56,6 +57,7 @@ def check_files(
         ]
         refuse_collisions(map(Path, files or ()), outputs, force)
     if schema is not None:
+        # The schema ends with a newline of its own.
         typer.echo(format_schema(schema), nl=False)
     if write_schemas is not None:
         write_all_schemas(write_schemas)
@@ -74,6 +76,7 @@ def list_kinds_by_name() -> dict[str, Any]:
     from topdress.drivers.files.kinds import CONFIG_KINDS
 
     return {
+        # "topdress-job/1" becomes "job", the word that a user types.
         name.removeprefix("topdress-").partition("/")[0]: kind
         for name, kind in CONFIG_KINDS.items()
     }
@@ -106,12 +109,15 @@ def _check_named_files(files: list[str], as_json: bool) -> None:
 
     wrong: list[str] = []
     notes: list[str] = []
+    # Every file is read before the report, so one run lists all faults.
     read = [found for file in files if (found := _read_file(file, notes, wrong)) is not None]
     jobs, cabs, machines = (
         [one for kind, one in read if kind is wanted]
         for wanted in (JOB_KIND, CAB_KIND, MACHINE_KIND)
     )
     wrong += [line for job in jobs for line in _check_cab_heads(job, cabs)]
+    # Jobs are checked on the machines of this command, else on the shipped one, as a start would
+    # do.
     machine_files = [str(machine.path) for machine in machines] or [SHIPPED_MACHINE]
     notes += [
         line for job in jobs for file in machine_files for line in _check_job_rates(job, file)
@@ -123,12 +129,14 @@ def _check_named_files(files: list[str], as_json: bool) -> None:
             for cab in cabs
             for line in find_disagreements(cab, machine.model, str(machine.path))
         ]
+    # The format of each file is listed, so that a mistaken kind is noticed.
     ok = [{"path": loaded.path, "format": kind.format} for kind, loaded in read]
     if as_json:
         print_json({"ok": ok, "notes": notes, "wrong": wrong})
     else:
         for line in (*("{path}: ok ({format})".format(**one) for one in ok), *notes):
             typer.echo(line)
+    # The faults come last and raise, so that the exit code is 2 and the notes are printed before.
     if wrong:
         raise ConfigError(wrong)
 
@@ -140,6 +148,7 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
     from topdress.drivers.files.kinds import CONFIG_KINDS, JOB_KIND
 
     _refuse_no_configuration(Path(file))
+    # An ISOXML file is no configuration, but people check what a folder of tasks contains.
     if (lines := _list_task_content(Path(file))) is not None:
         notes += lines
         return None
@@ -148,9 +157,11 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
     except ConfigError as error:
         wrong += error.lines
         return None
+    # The keys need the console's own names of actions, which the file format does not know.
     if trouble := _find_keymap_fault(loaded.model):
         wrong.append(f"{loaded.path}: {trouble}")
         return None
+    # Only some kinds of files have warnings.
     own = list(getattr(loaded.model, "warnings", ()))
     if kind is JOB_KIND:
         own = [*_find_job_notes(loaded), *own]
@@ -164,6 +175,7 @@ def _refuse_no_configuration(path: Path) -> None:
     file nor shipped."""
     from topdress.console.cli.inputs import CHECKED_KINDS, refuse_other_kinds
 
+    # A bare name can be a shipped file, which has no path here.
     if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
         refuse_other_kinds([path], CHECKED_KINDS)
     if path.suffix.lower() in (".csv", ".tsv", ".xlsx"):
@@ -198,6 +210,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 
     def check_job_map() -> None:
         crop = load_config(loaded.model.crop, CROP_KIND, base=folder).model
+        # The ceiling of the year lowers the limit, so rates above it are noted too.
         n_year = find_year_nitrogen(loaded, crop, day_clock.read_today())
         limited = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
@@ -209,6 +222,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
         lambda: read_job_plants(loaded.model, folder),
         lambda: load_job_product(loaded.model, folder),
     )
+    # Each part is tried by itself, so that a faulty map does not hide faulty plants.
     for look in looks:
         try:
             look()
@@ -233,6 +247,7 @@ def _find_job_notes(loaded: Any) -> list[str]:
         return []
     found = [describe_growth(setup.growth), "" if setup.n_year is None else setup.n_year.text]
     target = loaded.model.target
+    # A silent display stops the spreading by default, which a driver may not expect.
     if target.source == "external" and target.external_silent_kg_ha is None:
         found.append(
             "source external: nothing is spread while the other display is silent; "
@@ -244,6 +259,7 @@ def _find_job_notes(loaded: Any) -> list[str]:
     )
     if rule.response_rule == "field":
         index = calc_measured_index(rule.strip_ndvi)
+        # The texts of a doubtful index exist only here: before work nothing else warns of it.
         said = {
             "below_1": f"response index {index or 0.0:.2f}: no response, {lowest} will be given",
             "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed",
@@ -277,7 +293,10 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
     except ConfigError:
         return []
     return [
-        line for cab in cabs or [None] for line in find_index_disagreements(cab, crop, job.model)
+        # Without a cab file the simulated heads count, which measure NDVI.
+        line
+        for cab in cabs or [None]
+        for line in find_index_disagreements(cab, crop, job.model)
     ]
 
 
@@ -314,6 +333,7 @@ def _find_keymap_fault(model: BaseModel) -> str:
 
     if not isinstance(model, Settings) or not model.keymap:
         return ""
+    # The import comes late, since it loads the console's screens.
     from topdress.console.app.settings import find_keymap_fault
 
     return find_keymap_fault(model.keymap)

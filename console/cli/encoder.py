@@ -49,12 +49,14 @@ def count_encoder(
 ) -> None:
     """Counts, prints and writes. Raises CommandError and ValueError with one line; nothing is
     written then."""
+    # The keyboard is opened first: without a terminal nobody can confirm a mark.
     with open_keyboard() as keyboard:
         if not keyboard.there:
             raise CommandError(
                 "calibrate encoder: Enter says that the mark is at the pointer, and there is no "
                 "keyboard here: allowed is a terminal"
             )
+        # A shaft that is turned by hand sends no stepper steps.
         count = MarkCounter(board, turns, repeats, by_hand=rpm is None)
         if rpm is None:
             _count_by_hand(board, count, keyboard)
@@ -67,6 +69,7 @@ def count_encoder(
         for setting, runs, believed in count.list_counts()
     ]
     day = day_clock.read_today().isoformat()
+    # The file is written only after all runs, so an interrupted count leaves no settings.
     write_atomically(
         out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines)
     )
@@ -104,6 +107,7 @@ class MarkCounter:
     @property
     def is_done(self) -> bool:
         """Whether all runs are counted."""
+        # One mark begins the first run, and each further mark ends a run.
         return len(self._marks) > self._repeats
 
     def list_counts(self) -> list[tuple[str, list[int], float]]:
@@ -127,6 +131,7 @@ class MarkCounter:
         if turned is None:
             self._refuse_silence(now_s, line.make_status(now_s).accepted, state.last_error)
             return
+        # A reconnected board may have restarted, and its counters begin at zero.
         if self._marks and state.connects != self._connects:
             raise CommandError(
                 "calibrate encoder: the board was lost, and its count with it: begin again"
@@ -134,6 +139,7 @@ class MarkCounter:
         self._connects = state.connects
         self._entered = self._entered or any(key in pressed for key in ENTER_KEYS)
         before, self._newest = self._newest, turned
+        # Two answers are needed to see whether the shaft still turns.
         if before is None or turned is before:
             return
         if self._entered:
@@ -150,6 +156,7 @@ class MarkCounter:
             ]
             + [refusal] * bool(refusal)
         )
+        # An unchanged line is not written again, because the terminal would flicker.
         if shown != self._shown:
             self._shown = shown
             show_progress(shown)
@@ -197,6 +204,7 @@ class MarkCounter:
 
 def _calc_counts(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
     """Returns the counts or steps between two answers, across their wrap."""
+    # The counters wrap at the modulus; less than half a cycle lies between two answers.
     way: int = (getattr(later, name) - getattr(one, name)) % COUNTER_MODULUS
     return way - COUNTER_MODULUS if way >= COUNTER_MODULUS // 2 else way
 
@@ -211,6 +219,7 @@ def _count_by_hand(board: str, count: MarkCounter, keyboard: Keyboard) -> None:
                 cab.read_measurements(now_s)
                 count.follow_tick(cab, now_s, keyboard.read_pressed())
                 time.sleep(TICK_PERIOD_S)
+        # The line is released at every end, also after Ctrl-C.
         finally:
             cab.close_devices()
             show_progress("")
@@ -231,6 +240,7 @@ class DriveOperator(BenchOperator):
         self._count, self._creep_rpm, self._rpm = count, creep_rpm, rpm
 
     def list_set_points(self) -> tuple[Order, ...]:
+        # Each press begins at creep speed, so that a short press only moves the shaft to the mark.
         return (Order(Do.CALIBRATE_SHAFT, self._creep_rpm),)
 
     def follow_frame(self, frame: Frame, now_s: float, pressed: str) -> None:
@@ -238,6 +248,7 @@ class DriveOperator(BenchOperator):
             self._count.follow_tick(self.cab, now_s, pressed, self.refusal)
         except CommandError as error:
             self.error = error
+            # The error ends the loop in order: raising here would leave the drive turning.
             self.host.request_stop("trouble")
             return
         if self._count.is_done:

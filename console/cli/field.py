@@ -13,10 +13,12 @@ from topdress.console.cli.outputs import ForceOption, Output, find_named_file, r
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
+# Type checking only: the readers of shapes load their libraries when a file is read.
 if TYPE_CHECKING:
     from topdress.drivers.files.fields.field_data import FieldData
 
 # Distance of worked ground from the job's field beyond which it belongs to another field, m.
+# A kilometre exceeds any field's length, so such ground was surely chosen by mistake.
 MAX_GROUND_DISTANCE_M = 1000.0
 FIELD_KINDS = FileKinds(
     ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
@@ -92,12 +94,15 @@ def convert_field(
         from topdress.drivers.files.kinds import JOB_KIND
 
         reads = [
+            # AgOpenGPS stores a field as a folder of files; each of them is an input.
             *(source.iterdir() if source.is_dir() else [source]),
+            # The job that is read must not be overwritten by the job that is written.
             *([find_named_file(job, JOB_KIND.folder)] if is_job else []),
         ]
         files = (
             (out,)
             if out.suffix
+            # These names are those that AgOpenGPS reads.
             else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
         )
         refuse_collisions(reads, [Output(files)], force)
@@ -106,9 +111,11 @@ def convert_field(
         return
     from topdress.drivers.files.fields.field_data import repair_outline
 
+    # A crossing outline has no defined area; --largest selects the part to keep.
     data = repair_outline(_read_field(source, name), source, largest)
     print_note_lines(data.findings, f"{source}: ")
     _print_field(data, as_json)
+    # A summary without --out is the purpose of the command, so this is no error.
     if out is None:
         return
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -125,6 +132,7 @@ def _read_field(source: Path, name: str | None) -> FieldData:
     from topdress.drivers.files.fields.shapes import read_field_shapes
     from topdress.drivers.files.file_sniffer import sniff_file_kind
 
+    # A folder may also hold a shapefile or a task set, so its content decides.
     if source.is_dir() and sniff_file_kind(source).id == "aog":
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
@@ -151,6 +159,7 @@ def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, sou
     from topdress.drivers.files.kinds import JOB_KIND
 
     loaded = load_config(job, JOB_KIND)
+    # Files that the job names are relative to its folder; the new job lies elsewhere.
     model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(update={"field": build_job_ground(data, model.field, line)})
     save_config(out, new, JOB_KIND, f"From {loaded.path.name}, its field from {source.name}")
@@ -171,6 +180,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     loaded = load_config(job, JOB_KIND)
     ground = loaded.model.field
     has_field = bool(ground.boundary_m) and out is not None
+    # Without a field the ground has a plane of its own, which is enough for its area.
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
     found = read_worked_area(source, plane)
     if as_json:
@@ -181,6 +191,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     if (
         plane is not None
         and boundary is not None
+        # Ground far away is noted and not refused: the field's outline may be the wrong one.
         and (away_m := boundary.calc_distance_m(found.middle_m)) > MAX_GROUND_DISTANCE_M
     ):
         print_note_lines(
@@ -190,6 +201,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
         return
     model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(
+        # The whole path is stored, because the job may be moved.
         update={"field": model.field.model_copy(update={"done": str(source.resolve())})}
     )
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -213,6 +225,7 @@ def _print_field(data: FieldData, as_json: bool) -> None:
             f"corners{holes}"
         )
     for one in data.lines:
+        # Two places define a straight line; more are a curve.
         kind = "line" if len(one.places_deg) == 2 else f"curve of {len(one.places_deg)} places"
         typer.echo(f"guidance     {one.title}: {kind}")
     if data.headland_m is not None:

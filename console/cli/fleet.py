@@ -108,6 +108,7 @@ def run_fleet(
     from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.run_meta import find_software_version
 
+    # All extras are checked at once, so that the user installs them in one step.
     require_extras("a season of logs", "fleet", "diagnosis", "parquet")
     loaded = load_config(machine, MACHINE_KIND)
     options = _parse_store_options(storage or [])
@@ -116,6 +117,7 @@ def run_fleet(
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
     reads = [
+        # URLs are never overwritten here, so only local files are compared with the outputs.
         *(Path(log) for log in logs if "://" not in log),
         loaded.path,
         *([] if table is None else [table]),
@@ -126,14 +128,18 @@ def run_fleet(
     )
     known = None if table is None else _read_log_list(table, logs)
     out.mkdir(parents=True, exist_ok=True)
+    # Records depend on program, format and machine file; a changed salt diagnoses every log again.
     salt = f"{FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
+    # The monotonic clock is independent of a change of the computer's time.
     begin = time.monotonic()
     asked = FleetRequest(loaded.model.model_dump(mode="json"), salt, options, retry)
+    # More workers than logs would only wait.
     with open_cluster(scheduler, min(workers, len(logs))) as client:
         try:
             found = diagnose_fleet(client, logs, asked, out, _make_progress())
         except KeyboardInterrupt:
             # A second Ctrl-C waits for no worker.
+            # os._exit ends at once: Dask's own ending waits for its workers.
             signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_CANCELLED))
             typer.echo(
                 f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True
@@ -148,6 +154,7 @@ def run_fleet(
         f"{twins}; {took_s:.0f} s",
         err=True,
     )
+    # A season without one diagnosed log is an error for a script that expects a report.
     if not found.records:
         raise CommandError(
             f"{out}: no log was diagnosed: allowed is a run with at least one that can be read"
@@ -157,6 +164,7 @@ def run_fleet(
 def _parse_store_options(said: list[str]) -> dict[str, str]:
     """Returns NAME=VALUE options as fsspec takes them."""
     for one in said:
+        # The value may be empty or contain "="; only the name is required.
         if not one.partition("=")[0] or "=" not in one:
             raise CommandError(f"--storage-option {one}: allowed is NAME=VALUE, as anon=true")
     return {name: value for name, _equals, value in (one.partition("=") for one in said)}
@@ -185,10 +193,13 @@ def _print_season(
     from topdress.drivers.files.run_meta import find_software_version
 
     for line in (*found.blind, *found.gone):
+        # Progress and faults go to stderr, so that stdout holds the result.
         typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
+    # The list's rows are applied to kept records too, so a corrected list needs no new diagnosis.
     records = [apply_list_row(one, rows.get(one["path"], {})) for one in found.records]
+    # A clock later than today marks a log whose time is wrong; days since 1970.
     whole = make_season(records, found.broken, day_clock.read_epoch_s() / 86_400.0)
     write_tables(out, whole, records)
     page = make_fleet_page(
@@ -205,6 +216,7 @@ def _print_season(
     )
     write_atomically(out / REPORT_NAME, page)
     if as_json:
+        # The logs themselves are in the Parquet tables and would make the JSON very long.
         print_json(whole._replace(logs=()))
         return
     for one in whole.machines:
@@ -231,6 +243,7 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
     from topdress.drivers.files.table import read_table
 
     read = read_table(table, texts=LIST_COLUMNS)
+    # A misspelt column would otherwise be ignored in silence.
     strange = [name for name in read.names if name not in LIST_COLUMNS]
     if "log" not in read.columns or strange:
         raise CommandError(
@@ -248,6 +261,7 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
         )
     except ValueError as error:
         raise CommandError(f"{table}: {error}") from None
+    # A long list of rows without logs says no more than its beginning.
     for said in found.unused[:MAX_LISTED_ROWS]:
         typer.echo(f"{table}: {said}", err=True)
     typer.echo(
@@ -267,6 +281,7 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
 def _make_progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
     """Returns a function that shows progress: a line that is rewritten on a terminal, elsewhere a
     line from time to time."""
+    # The clock is a parameter, so that a test needs no waiting.
     line, said_s = ProgressLine(), [clock()]
 
     def show_count(done: int, of: int, what: str) -> None:

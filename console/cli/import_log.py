@@ -19,6 +19,7 @@ from topdress.console.cli.outputs import (
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
+# Type checking only: the importers load pandas-like readers when a file is read.
 if TYPE_CHECKING:
     from topdress.drivers.files.imports.guess_result import ImportGuess
     from topdress.drivers.files.imports.mapping import ImportFile
@@ -122,21 +123,25 @@ def run_import(
         ),
         None,
     )
+    # Resolved paths also find a file that is named through a link.
     if twice is not None:
         raise CommandError(
             f"{twice}: named twice: allowed is each file once, for its rows would count twice"
         )
+    # A machine or job file among the logs gets a message with the command that reads it.
     refuse_other_kinds(files, LOG_KINDS)
     given = _ImportOptions(
         _check_source_options(inside, task, device, log, values_from), _find_full_values(machine)
     )
     if guess:
+        # With --guess --out LOG.csv names the later log, and the import file lies next to it.
         is_log = out is not None and out.suffix.lower() in (".csv", ".parquet", ".pq")
         option = "--mapping" if mapping is not None else "--out"
         require_suffix(option, mapping or (None if is_log else out), ".yaml", ".yml")
         found, lines = _write_guess(files, _choose_guess_path(files, mapping, out), given, force)
     elif out is None:
         raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
+    # A log of topdress needs no mapping: its columns already have their names and units.
     elif _is_format_copy(files, mapping, out):
         found, lines = _copy_log(files[0], out, force)
     else:
@@ -155,6 +160,7 @@ def _check_source_options(
     values_from: str | None,
 ) -> dict[str, str]:
     """Returns the options about reading, as `source` of an import file has them."""
+    # A device description can contradict the dictionary of ISO 11783; the user decides which holds.
     if values_from not in (None, "ddi", "presentation"):
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
     given = {
@@ -164,6 +170,7 @@ def _check_source_options(
         "task_log": log,
         "values_from": values_from,
     }
+    # Options that are not given must not replace values of the import file.
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -180,6 +187,7 @@ def _find_full_values(machine: str | None) -> dict[str, float]:
     """Returns the full value of each drive's columns, by a machine file."""
     if machine is None:
         return {}
+    # A command in percent or counts becomes r/min or mm only by the machine's full value.
     limits = load_machine(machine).limits
     return {
         "shaft_rpm_cmd": limits.shaft_high_rpm,
@@ -195,6 +203,7 @@ def _write_guess(
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.imports.guess_result import format_first_import
 
+    # The guess reads the files, so an output among them would destroy its own input.
     refuse_collisions(_list_read_files(files), [Output((place,))], force)
     raw, found = _guess_import(files, given)
     write_atomically(place, format_first_import(found, files, place))
@@ -215,6 +224,7 @@ def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, I
     from topdress.drivers.files.imports.mapping import Source
     from topdress.drivers.files.imports.table_reader import read_raw_table
 
+    # The first file alone is guessed: files of one import have the same columns.
     raw = read_raw_table(files[0], Source.model_validate(given.said))
     return raw, guess_import_file(raw, given.full)
 
@@ -236,17 +246,20 @@ def _import_files(
     from topdress.drivers.files.imports.table_reader import read_raw_table
 
     reads = [*_list_read_files(files), *([] if mapping_file is None else [mapping_file])]
+    # A log that an earlier import of these files wrote may be replaced without --force.
     refuse_collisions(
         reads, [Output(_list_written_files(out), lambda: is_import_of(out, files))], force
     )
     first, mapping = _read_or_guess_mapping(files, mapping_file, given)
     parts = [
         convert_table(
+            # The first file is read already for the guess and is not read twice.
             read_raw_table(path, mapping.source) if first is None or path != files[0] else first,
             mapping,
         )
         for path in files
     ]
+    # The parts are joined in time, since one drive may fill several files.
     log = join_files(parts, mapping.join)
     print_note_lines(
         (
@@ -254,6 +267,7 @@ def _import_files(
             *log.findings,
         )
     )
+    # The import file is stored with the log, so that the origin of each column stays known.
     columns = write_imported_log(out, log, mapping, mapping_file)
     rows, seconds = count_rows(columns), float(columns["time_s"][-1])
     return (
@@ -281,6 +295,7 @@ def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False
     if is_log_store(files[0]):
+        # A Parquet file of topdress holds columns and sidecar and converts back without loss.
         return True
     return out.suffix.lower() in STORE_SUFFIXES and not FileContent(files[0]).foreign
 
@@ -313,10 +328,12 @@ def _read_or_guess_mapping(
 
     if place is not None:
         mapping = load_config(place, IMPORT_KIND).model
+        # Options of the command line take precedence over the import file.
         return None, mapping.model_copy(
             update={"source": mapping.source.model_copy(update=given.said)}
         )
     raw, found = _guess_import(files, given)
+    # A guess with open questions writes no log: wrong units would look like a fault of the machine.
     if not found.is_sure:
         raise LogImportError(
             raw.path,

@@ -45,11 +45,17 @@ class Questionnaire:
     def ask_number(self, given: float | None, question: str, usual: float) -> float:
         """Returns the given number, else the answer."""
         if given is not None or not self.ask:
+            # Without questions the suggestion of the log is taken.
             return usual if given is None else given
         self.count += 1
         while True:
             value: float = typer.prompt(
-                question, default=float(f"{usual:.4g}"), type=float, err=True
+                # Four digits are enough for an answer, and a long default would be hard to compare.
+                question,
+                default=float(f"{usual:.4g}"),
+                type=float,
+                err=True,
+                # Questions go to stderr, so that stdout stays free for the result.
             )
             if value > 0.0:
                 return value
@@ -150,6 +156,7 @@ def make_machine_file(
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
+    # The sidecar NAME.yaml of a log has the suffix of a machine file; it must survive.
     if out.resolve() == list_log_files(log)[1].resolve():
         raise CommandError(f"--out {out}: is the sidecar of the log {log}: allowed is another name")
     refuse_collisions(list_log_files(log), [Output((out,))], force)
@@ -158,6 +165,7 @@ def make_machine_file(
         found = suggest_machine(columns)
     except MissingColumn as error:
         raise CommandError(
+            # The message has the command that solves the problem; the path is quoted for a shell.
             f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "
             "file in which a line says which column it is"
         ) from None
@@ -201,6 +209,7 @@ def _ask_missing(
         # A log in one direction does not show whether the drive can reverse.
         both = True
     sd = answers.ask_number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
+    # In a table of settled values nothing moves, so the drive has no time constant.
     tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
     if tau_s is None:
         tau_s = answers.ask_number(
@@ -238,6 +247,7 @@ def _add_effort_reference(
         for part, value in fitted.effort._asdict().items()
         if value != Effort._field_defaults[part]
     )
+    # The text is changed in place, so that the order and the comments of the file stay.
     text = text.replace("stages: [shaft]", "stages: [shaft, effort]")
     text = text.replace("noise: {", f"noise: {{effort: {fitted.noise.effort:.3g}, ")
     return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
@@ -272,6 +282,7 @@ def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) ->
     """Returns the text of the file: its description, parts, limits and sensors. Neutral numbers are
     omitted."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
+    # No acceleration limit is known from such a log, so a very large one leaves it without effect.
     shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
     if not made.settled:
         shaft += [f"dead_time_s: {dead_s:.3g}", f"time_constant_s: {max(tau_s, 1e-3):.3g}"]
@@ -281,8 +292,10 @@ def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) ->
         shaft.append("one_way: 1")
     if made.neutral is not None:
         shaft.append(f"neutral_rpm: {made.neutral.rpm:.4g}")
+        # -200 % turns the sign: a drive that slows with a higher command.
         shaft += ["gain_percent: -200"] if made.neutral.falls else []
         shaft += ["zero_stops: 0"] if made.neutral.zero_turns else []
+    # Voltages outside of 1 to 60 V are no supply of a vehicle but a wrong column.
     if made.supply_v is not None and 1.0 <= made.supply_v <= 60.0:
         shaft.append(f"nominal_supply_v: {made.supply_v:.3g}")
     lines = [
@@ -293,6 +306,7 @@ def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) ->
         f"shaft: {{{', '.join(shaft)}}}",
         f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
         f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
+        # The tolerance of a time has a floor, since short times cannot be known to 5 %.
         f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_TOLERANCE * dead_s):.3g}, "
         f"time_constant_s: {max(0.015, TIME_TOLERANCE * tau_s):.3g}}}     # of a first file",
     ]

@@ -52,14 +52,19 @@ def show_run(
     name: str | None = None,
 ) -> None:
     """Shows the console on the running worker, or on a worker that is started for it."""
+    # The imports begin before anything else, because they take most of the time to the first
+    # picture.
     import_hooks.begin_imports()
     from topdress.console.running import WorkerFailed, find_running_worker
     from topdress.console.services.launcher import Launcher
 
     launcher = Launcher(config, effects, seed, hz, log, make_trouble_path(), name)
     coming: Future[WorkerAddress] | None = None
+    # Without a terminal no console opens, so no running machine is searched.
     running = find_running_worker() if has_terminal() else None
     if running is None:
+        # The worker starts in the background unless the user must first decide about an interrupted
+        # job.
         if has_terminal() and not launcher.may_have_offer():
             coming = _start_in_background(
                 launcher.start_process
@@ -68,6 +73,7 @@ def show_run(
         else:
             _load_setup_files(config)
     joined = None if running is None else _join_running(launcher, running)
+    # The terminal is checked after the files, so that a wrong file is reported in a script too.
     need_terminal(
         "topdress run",
         "topdress simulate runs the loop, topdress serve shows the console in a browser",
@@ -98,6 +104,7 @@ def show_run(
         return JobFiles(launcher)
 
     job, lines = make_late_service(make_job_files), KeptLineFiles()
+    # The model check needs numba of the extra diagnosis to keep up with the machine.
     checked = model_check and is_extra_installed("diagnosis")
     source: Link | None = None
     if running is not None:
@@ -106,6 +113,7 @@ def show_run(
     elif coming is not None or job.find_offer() is None:
         source = ComingLink(coming or _start_in_background(launcher.start_process), name)
     tour = not config and is_first_time()
+    # The setup is read at its first use and once: several pages share it.
     services = make_run_services(
         cache(lambda: _load_running_setup(launcher.config, config)), effects
     )
@@ -115,6 +123,7 @@ def show_run(
         attach=attach_to_running,
         tour=tour,
         joined=joined,
+        # The question about the job would hide the tour, and has no sense for a running machine.
         ask_job=not config and not tour and running is None and source is not None,
         services=replace(
             services,
@@ -165,6 +174,8 @@ def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Setup
     them could not stop the machine. Raises ConfigError."""
     from topdress.drivers.files.config_error import ConfigError
 
+    # The files of the running machine may have been deleted; then those of this command, then the
+    # shipped ones serve.
     for config in (theirs, ours, ()):
         try:
             return _load_setup_files(config)
@@ -179,6 +190,7 @@ def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAdd
     about the same time."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)
+    # The thread ends by itself after its only task.
     thread.shutdown(wait=False)
     return coming
 
@@ -262,6 +274,8 @@ def is_first_time() -> bool:
     mark = find_data_folder() / "seen"
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
+        # touch() with exist_ok=False both tests and sets the mark, so that two consoles cannot both
+        # see the first time.
         mark.touch(exist_ok=False)
     # The mark exists, or no file can be written; both cases skip the tour.
     except OSError:

@@ -58,6 +58,7 @@ def list_plain_data(logs: ComparedLogs) -> dict[str, Any]:
 
 
 def _replace_not_finite(value: float) -> float | None:
+    # JSON has no NaN or infinity.
     return value if isfinite(value) else None
 
 
@@ -78,6 +79,7 @@ def summarise_terminal(logs: ComparedLogs, old: str, new: str) -> list[str]:
     lines = [
         f"old: {old}",
         f"new: {new}",
+        # Both files are fixed before these logs, so the comparison is free of overfitting.
         "r.m.s. of measured less predicted; nothing is fitted to these logs",
     ]
     for path, found in logs:
@@ -103,7 +105,9 @@ Array = npt.NDArray[np.float64]
 OLD_LABEL, NEW_LABEL = "old machine file", "new machine file"
 # Number of rows shown in full, where the two predictions differ most.
 MAX_SHOWN_ROWS = 400
+# 60 bins are wide enough to average noise and narrow enough to show a change.
 TIME_BINS = 60
+# A root mean square of fewer rows scatters too much.
 MIN_ROWS_IN_BIN = 5
 
 
@@ -148,6 +152,7 @@ def make_compare_page(logs: ComparedLogs, old: str, new: str) -> str:
 
 def _describe_in_short(logs: ComparedLogs) -> str:
     channels = [one for _, found in logs for one in found.channels]
+    # An interval with zero inside counts as no difference.
     better = sum(one.low > 0.0 for one in channels)
     worse = sum(one.high < 0.0 for one in channels)
     if not channels:
@@ -198,6 +203,7 @@ def draw_comparison(one: ComparedChannel) -> Picture:
 def _find_stretch(one: ComparedChannel) -> slice:
     """Returns the rows of the interval in which both predictions differ most."""
     count = min(MAX_SHOWN_ROWS, len(one.time_s))
+    # The cumulated sum gives each window's squared difference in one pass.
     total = np.concatenate(([0.0], np.cumsum(np.square(one.of_old - one.of_new))))
     begin = int(np.argmax(total[count:] - total[:-count])) if count < len(one.time_s) else 0
     return slice(begin, begin + count)
@@ -206,6 +212,8 @@ def _find_stretch(one: ComparedChannel) -> slice:
 def _calc_rms_over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
     """Returns the root mean square of errors (m,) in equal bins of time: times (k,) and values
     (k,)."""
+    # Rows of bench tables or joined logs may be out of order; a stable sort keeps equal times in
+    # place.
     order = np.argsort(time_s, kind="stable")
     pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // MIN_ROWS_IN_BIN)))
     return (

@@ -14,11 +14,13 @@ from topdress.control.diagnosis.runs.rates import describe_rate_value
 from topdress.control.diagnosis.runs.several import JointDiagnosis
 from topdress.control.machine.machine import CATALOGUE
 
+# More limits fill the terminal; --json lists all.
 MAX_SHOWN_LIMITS = 8
 
 
 def summarise_terminal(found: Diagnosis) -> list[str]:
     """Returns lines for a terminal."""
+    # Headlines come before suspected causes.
     found = diagnosis_wording.sort_headlines(found)
     lines = [_describe_data(found)]
     missing = diagnosis_wording.list_not_judged(found)
@@ -26,6 +28,7 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
     if found.channels:
+        # A blank line separates the notes from the table.
         lines.append("")
         lines.append(
             f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)"
@@ -35,6 +38,7 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
             f"{format_p_value(c.structure_p)} ({c.unit})"
             for c in found.channels
         ]
+    # A single pass repeats the total, so the table is omitted.
     if len(found.rates) > 1:
         lines += [
             "",
@@ -46,6 +50,7 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
             for fit in found.rates
             if fit.number is not None
         ]
+    # Causes precede the unexplained parts: they are what a person acts on.
     for cause in found.causes:
         lines += ["", *_describe_cause(cause)]
     for line in _describe_unexplained(found):
@@ -56,6 +61,7 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
             f"term {term.term['id']}: {describe_term(term.term)}",
             f"    {describe_compensation(term.term)}",
         ]
+        # A term can predict well without a physical cause, which the line must state.
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
     lines += (
         []
@@ -81,6 +87,7 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
 def describe_adoption(found: Diagnosis) -> list[str]:
     """Returns the effects of a run's diagnosis that a machine file adopts, and those that it does
     not adopt, with reasons."""
+    # Bench tables fit their own parameters, so no list of effects applies.
     kept, left = diagnosis_wording.sort_adoptable(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left
@@ -114,6 +121,7 @@ def describe_by_log(
     """Returns the findings of each single log: one line each, and its details."""
     lines = ["", f"each log by itself{beyond}:"]
     for found in each:
+        # The first two lines hold name and size; the advice is the same in each log.
         own = [line for cause in found.causes for line in _describe_cause(cause)[:2]]
         own += _describe_unexplained(found)
         own += [f"term {one.term['id']}: {describe_term(one.term)}" for one in found.terms]
@@ -138,6 +146,7 @@ def _describe_verdict(found: Diagnosis) -> str:
     if found.channels:
         return f"{word}: too short, or too little moved, to say that nothing is wrong"
     return f"{word}: no channel of this data could be held against the model" + (
+        # Dose and target can be compared even where no channel has a model.
         "; applied against target was" if found.rates else ""
     )
 
@@ -166,6 +175,7 @@ def _describe_cause(cause: Cause) -> list[str]:
     ]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
+    # The advice of a tied cause holds only if it is the right one.
     which = ", if it is this" if diagnosis_wording.has_named_rivals(cause) else ""
     return [
         *lines,
@@ -175,6 +185,7 @@ def _describe_cause(cause: Cause) -> list[str]:
 
 
 def _describe_not_shown(found: Diagnosis) -> list[str]:
+    # Effects that need other data are left to the report, because the terminal's summary is short.
     seen, blind, _elsewhere = diagnosis_wording.list_undetected_effects(found)
     lines = []
     if seen:

@@ -44,6 +44,7 @@ NORMAL_EFFORT_PERCENTILE = 25.0
 EFFORT_RISE_SD = 2.0
 Values = npt.NDArray[np.float64]
 TARGET_NOTE = (
+    # The note prevents the reading that an error of zero means a perfectly fed crop.
     "<p>The target is what control held for each stretch, in steps. What the crop needed "
     "between the steps "
     "is in no log; a simulated run is held against that too: topdress simulate --summary.</p>"
@@ -52,6 +53,7 @@ TARGET_NOTE = (
 
 def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_METADATA) -> str:
     """Returns a whole HTML page with embedded pictures that fetches nothing, to be handed over."""
+    # The verdict line has mass and area, the two numbers that a customer checks first.
     t = applied.totals
     said = (
         f"{format_fixed(t.applied_kg, 1)} kg of {applied.product.name} on "
@@ -61,12 +63,15 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
         [
             (
                 "area worked",
+                # Both areas are shown, because a difference between them reveals a wrong width or a
+                # lost position.
                 f"{format_fixed(applied.worked_ha, 4)} ha, overlaps included, by the places of the "
                 "material (by speed "
                 f"and time {format_fixed(t.area_ha, 4)} ha)",
             ),
             *(
                 ()
+                # A log without a coverage raster cannot tell ground from overlaps.
                 if t.covered_ha is None or t.overlap_ha is None
                 else (
                     (
@@ -89,6 +94,7 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
             ),
             *(
                 ()
+                # Less than 5 g would be written as 0.00 kg.
                 if t.stopped_kg < 0.005
                 else (
                     (
@@ -100,6 +106,8 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
             ),
             (
                 "target",
+                # Mass that was released while stopped is no error of the rate and is left out of
+                # the comparison.
                 f"{format_fixed(t.target_kg, 2)} kg; the "
                 f"{format_fixed(t.applied_kg - t.stopped_kg, 2)} "
                 "kg spread at work are "
@@ -153,8 +161,10 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
             ),
         ]
     )
+    # Only a log with GNSS time knows when the job began.
     started = applied.utc(float(applied.stretches.time_s[0]))
     when = "" if started is None else f", {started:%Y-%m-%d %H:%M} UTC"
+    # The mark prevents a simulated page from being filed as a record of work.
     simulated = (
         '<p class="simulated">SIMULATED: no material was spread on any ground</p>\n'
         if about.simulated
@@ -173,6 +183,7 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
             f"{format_effort_section(applied)}"
             f"{format_section('What happened', format_figure(draw_time_line(about)))}\n"
             f"{format_section('Against the target', describe_errors(applied), errors)}\n"
+            # The page is handed over on paper too, and both sides sign it.
             f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
             f'<p class="dim">{escape_text(software)}</p>'
         ),
@@ -185,6 +196,7 @@ def list_costs(applied: AsApplied, about: JobMetadata) -> list[tuple[str, str]]:
     if about.price_per_kg is None:
         return []
     t, price, money = applied.totals, about.price_per_kg, escape_text(about.currency)
+    # A job without worked area has no cost per hectare.
     a_hectare = (
         f", {format_fixed(price * t.applied_kg / applied.worked_ha, 2)} {money}/ha"
         if applied.worked_ha > 0.0
@@ -214,11 +226,13 @@ def calc_plan_evenness(applied: AsApplied) -> list[tuple[str, str]]:
     by the mean applied, weighted by area.
     """
     s = applied.stretches
+    # Segments with a target of zero, e.g. headland turns, would divide by zero.
     known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
     if not known.any():
         return []
     got, wanted, area = s.applied_kg_ha[known], s.target_kg_ha[known], s.area_m2[known]
     mean = float(np.average(got, weights=area))
+    # Scaling to the total applied removes a constant error, so that only unevenness remains.
     scaled = wanted * mean / float(np.average(wanted, weights=area))
     spread = float(np.sqrt(np.average((got - scaled) ** 2, weights=area)))
     return [
@@ -234,6 +248,7 @@ def draw_applied_map(applied: AsApplied) -> Picture:
     """Returns the covered ground, coloured by the target rate and by the applied rate on the same
     scale."""
     s = applied.stretches
+    # Without any target the map of the wanted rate is omitted, not drawn empty.
     shown = [("wanted", s.target_kg_ha)] * bool(np.isfinite(s.target_kg_ha).any()) + [
         ("applied", s.applied_kg_ha)
     ]
@@ -253,6 +268,7 @@ def calc_effort_rise(applied: AsApplied) -> Values:
     """
     percent = applied.stretches.effort_percent
     return (
+        # The quantile ignores missing values: the drive reports no effort while it stands.
         percent - np.nanpercentile(percent, NORMAL_EFFORT_PERCENTILE)
         if np.isfinite(percent).any()
         else percent
@@ -303,10 +319,12 @@ def _draw_ground_maps(
     """Returns maps of the covered ground next to each other on one scale, as SVG: each value (n,)
     by its segment."""
     s = applied.stretches
+    # A plane at the field's middle turns degrees into metres, so both axes have one scale.
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.project_many_to_m(
         s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()
     ).reshape(-1, 4, 2)
+    # One scale for both maps lets the eye compare their colours.
     known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
     low, high = float(known.min()), float(known.max())
     colours = [
@@ -317,11 +335,13 @@ def _draw_ground_maps(
     sheet.colour_bar = ColourBar(low, high, unit, colours)
     for panel, (word, values) in zip(sheet.panels[0], shown, strict=True):
         seen = np.isfinite(values)
+        # A constant rate has no range and takes the lowest colour.
         share = (values[seen] - low) / (high - low) if high > low else np.zeros(seen.sum())
         steps = np.round(share * (COLOUR_STEPS - 1)).astype(int)
         panel.draw_ground(corners[seen], [colours[step] for step in steps])
         if applied.field_deg is not None:
             edge = plane.project_many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
+            # The first corner is repeated at the end, which closes the edge.
             east_m, north_m = np.vstack((edge, edge[:1])).T
             panel.plot(east_m, north_m, LINE_COLOUR, width=1.0)
         panel.has_equal_scales = True
@@ -359,7 +379,9 @@ def draw_error_histogram(applied: AsApplied) -> Picture | None:
     if not len(error):
         return None
     sheet = ChartSheet(6.4, 2.8)
+    # 41 edges give bars of 1 %.
     edges = np.linspace(-MAX_SHOWN_ERROR_PERCENT, MAX_SHOWN_ERROR_PERCENT, 41)
+    # Errors beyond the ends are moved into the outermost bars, so that the bars sum to 100 %.
     inside = np.clip(error, -MAX_SHOWN_ERROR_PERCENT, MAX_SHOWN_ERROR_PERCENT)
     share = np.histogram(inside, edges, weights=area)[0]
     sheet.panel.draw_bars(edges, 100.0 * share / area.sum(), AFTER_COLOUR)

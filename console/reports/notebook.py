@@ -33,6 +33,8 @@ from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.compared import Compared
 from topdress.control.machine.machine import Machine
 
+# The page's colours are limited to this class, so that they do not restyle the notebook around the
+# cell.
 SCOPED_STYLE = PAGE_STYLE[: PAGE_STYLE.index("* { box-sizing")].replace(":root", ".topdress")
 
 
@@ -58,6 +60,7 @@ class Pictures:
         """Returns each picture as SVG."""
         return tuple(one.svg for one in self._list_redrawn())
 
+    # A notebook user may change panels after the diagnosis; a stored SVG would be old.
     def _list_redrawn(self) -> list[Picture]:
         """Returns the pictures, drawn again, because their charts may have been changed."""
         return [
@@ -78,13 +81,16 @@ class Pictures:
         return place
 
 
+# The text is as long as a cell's output shows without scrolling.
 MAX_SUMMARY_LINES = 15
 
 
 def summarise_diagnosis(found: Diagnosis) -> str:
     """Returns verdict, notes, causes, terms, unexplained parts, rival and gain, one line each;
     lines beyond 15 are counted."""
+    # Suspected causes come last, as on every other view of a diagnosis.
     ordered = sort_headlines(found)
+    # Three notes at most leave room for causes among the lines.
     lines = [summarise_terminal(ordered)[0], *(f"note: {one}" for one in found.findings[:3])]
     for cause in ordered.causes:
         when = f", {then}" if (then := when_of(cause)) else ""
@@ -109,10 +115,12 @@ def summarise_diagnosis(found: Diagnosis) -> str:
         f"{format_number(one.low)} to "
         f"{format_number(one.high)})"
         for one in found.gain
+        # Only the gain of the named causes is summarised; the table has the others.
         if one.of == "names"
     ]
     if found.next_run is not None:
         lines.append(f"next run: {found.next_run.plan}")
+    # The last line counts the omitted lines, so that a summary never looks complete when it is cut.
     if len(lines) > MAX_SUMMARY_LINES:
         over = len(lines) - MAX_SUMMARY_LINES + 1
         lines = [*lines[: MAX_SUMMARY_LINES - 1], f"and {over} lines more: found.to_json()"]
@@ -160,6 +168,8 @@ def draw_compared(compared: Compared) -> Pictures:
 def make_residuals_frame(found: Diagnosis) -> Any:
     """Returns measured, predicted and residual of every channel. Raises ValueError, one line."""
     from topdress.console.reports.run_views import list_effect_instances, make_run_views
+
+    # The bins and views load only for this frame, which few notebooks request.
     from topdress.control.diagnosis.extend import extend
 
     columns, machine = _find_diagnosed_log(found)
@@ -167,6 +177,8 @@ def make_residuals_frame(found: Diagnosis) -> Any:
     parts = list_effect_instances(found.causes)
     columns_out: dict[str, list[Any]] = {name: [] for name in RESIDUAL_COLUMNS}
     for view in views:
+        # "Nominal" is the prediction without any cause, "predicted" the prediction with the causes
+        # of this channel.
         nominal, predicted = view.predict(()), view.predict(view.select_own_parts(parts))
         columns_out["channel"] += [view.name] * len(view.measured)
         columns_out["unit"] += [view.unit] * len(view.measured)
@@ -178,18 +190,22 @@ def make_residuals_frame(found: Diagnosis) -> Any:
     return _make_data_frame(found, columns_out)
 
 
+# The names of the columns are a contract with notebooks that select them.
 RESIDUAL_COLUMNS = ("channel", "unit", "time_s", "measured", "nominal", "predicted", "residual")
 
 
 def _make_data_frame(found: Diagnosis, columns: dict[str, list[Any]]) -> Any:
+    # The frame has the library of the data that were given, pandas for a log from a file.
     library = found.frame_library or "pandas"
     try:
+        # The library is optional, so it is imported by name and its absence becomes one line.
         return import_module(library).DataFrame(columns)
     except ImportError:
         raise ValueError(f"a data frame needs {library}: pip install {library}") from None
 
 
 def _find_diagnosed_log(found: Diagnosis) -> tuple[Any, Machine]:
+    # A result that was loaded from JSON has no rows to draw.
     if found.seen_with is None:
         raise ValueError(
             "the log that this diagnosis is of is not with it: allowed is one that "
@@ -213,12 +229,14 @@ def load_named_machine(name: str) -> Machine:
     try:
         return load_config(name, MACHINE_KIND).model
     except ConfigError as error:
+        # A notebook shows a ValueError in one line; the first line names file and key.
         raise ValueError(error.lines[0]) from None
 
 
 def format_notebook_html(found: Diagnosis) -> str:
     """Returns verdict, causes and errors by channel."""
     rows = []
+    # A size can be unknown, e.g. between rivals that only the next run separates.
     for cause in found.causes:
         value, interval = (
             ("not known", "")
@@ -252,6 +270,7 @@ def format_notebook_html(found: Diagnosis) -> str:
             )
             for one in found.channels
         ],
+        # Columns of numbers are aligned right.
         frozenset({1, 2, 3}),
     )
     notes = "".join(
@@ -313,10 +332,12 @@ def draw_diagnosis(found: Diagnosis) -> Pictures:
     columns, machine = _find_diagnosed_log(found)
     tools: dict[str, Any] = {"columns": columns, "machine": machine}
     made = drawn(found, tools)
+    # The order is that of the report: causes, unexplained parts, terms, then the channels.
     every = (
         *(one for several in made.causes for one in several),
         *made.left,
         *made.terms,
         *made.data,
     )
+    # A cause without a view has no picture.
     return Pictures(tuple(one for one in every if one is not None))

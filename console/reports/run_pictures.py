@@ -39,8 +39,11 @@ Array = npt.NDArray[np.float64]
 MIN_MEANS_SHARE = 0.25
 # Share from which means alone are sufficient.
 SUFFICIENT_MEANS_SHARE = 0.8
+# The lengths show several responses of each drive: shaft and gate react faster than the speed
+# changes.
 # Lengths of the intervals that are shown in full, by view, s.
 INTERVAL_S_OF_VIEW = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
+# 90 bins give each about 6 points of width in a picture of 9.4 inches.
 TIME_BINS = 90
 # A rate needs longer bins.
 RATE_BINS = 24
@@ -58,6 +61,7 @@ def draw_cause(
     if found is None:
         return []
     view, effect = found
+    # The other causes are applied in both curves, so that only this cause makes the difference.
     others = tuple(one for one in view.select_own_parts(parts) if one != part)
     first = OTHER_CAUSES_LABEL if others else NOMINAL_LABEL
     before, after = view.calc_residual(others), view.calc_residual(parts)
@@ -66,6 +70,8 @@ def draw_cause(
     sheet = ChartSheet(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels))
     for panel, kind in zip(sheet.panels[0], panels, strict=True):
         if kind == "means":
+            # Noise of neighbouring rows is correlated; the intervals would be too narrow without
+            # this memory.
             memory = view.calc_noise_memory(after)
             draw_residual_panel(
                 panel,
@@ -102,9 +108,12 @@ def draw_cause(
 def _choose_panels(view: ChannelView, axis: Axis, share: float, part: EffectInstance) -> list[str]:
     """Returns the panels: means over the axis where they show the effect; an interval in full where
     means do not show all of it, or time matters."""
+    # Only drives and speed respond within seconds; the other channels show nothing in a short
+    # interval.
     stretch = view.name in INTERVAL_S_OF_VIEW and (
         share < SUFFICIENT_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
     )
+    # At least one panel is drawn.
     means = share >= MIN_MEANS_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
@@ -118,11 +127,13 @@ def _draw_stretch(
 ) -> None:
     wide = INTERVAL_S_OF_VIEW[view.name]
     step = float(np.median(np.diff(view.time_s)))
+    # At least 8 rows show a course even in a log with a long row interval.
     count = min(len(effect), max(8, int(round(wide / step))))
     if part.onset_s is None:
         begin = _find_telling_rows(effect, count)
     else:
         begin = int(np.searchsorted(view.time_s, part.onset_s - 0.5 * wide))
+    # An onset near the beginning or end would leave the log.
     begin = max(0, min(begin, len(effect) - count))
     rows = slice(begin, begin + count)
     at = view.time_s[rows]
@@ -156,10 +167,12 @@ def _find_telling_rows(effect: Array, count: int) -> int:
         return 0
 
     def sum_windows(series: Array) -> Array:
+        # Differences of the cumulated sum give every window's sum in one pass.
         total = np.concatenate(([0.0], np.cumsum(series)))
         return np.asarray(total[count:] - total[:-count])
 
     strong = sum_windows(effect**2)
+    # The sum of squares about the window's mean measures how much the effect changes in it.
     changing = strong - sum_windows(effect) ** 2 / count
     return int(
         np.argmax(changing if changing.max() > MIN_STRENGTH_CHANGE * strong.max() else strong)
@@ -196,6 +209,7 @@ def draw_unexplained(
     panel.label(axis.label, f"residual, {view.unit}", "residual: measured less predicted")
     if fit:
         _draw_extension(sheet.panels[0][1], fit, axis)
+    # A channel of segments has too few points for a smooth function.
     elif not axis.names and view.segments is None:
         known = np.isfinite(axis.values)
         draw_smooth_line(panel, axis.values[known], after[known])
@@ -209,7 +223,9 @@ def draw_unexplained(
 
 
 def _draw_extension(panel: ChartPanel, fit: UnexplainedCurve, axis: Axis) -> None:
+    # The units are those of the extension in the machine file.
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
+    # The axis of time is in minutes, the nodes are in seconds.
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     panel.draw_level(0.0)
     panel.plot(
@@ -248,6 +264,7 @@ def _draw_time_line(
     rows, title = _select_time_rows(view, own)
     before = view.calc_residual(())[rows]
     after = view.calc_residual(parts)[rows] if own else None
+    # A file that was extended in another way, e.g. by terms, has predictions of its own.
     if view.of_file is not None and (own or bool(np.any(view.of_file != view.predict(())))):
         after = (view.measured - view.of_file)[rows]
     memory = view.calc_noise_memory(before if after is None else after)
@@ -265,6 +282,7 @@ def _draw_time_line(
         if part.onset_s is not None:
             panel.draw_moment(part.onset_s / 60.0, label="onset", words=part.id)
     panel.label(title=f"{title}, {view.unit}")
+    # Channels without a cause are dimmed, so that the eye finds the others.
     panel.title_colour = INK_COLOUR if own else DIM_COLOUR
 
 
@@ -278,6 +296,7 @@ def _select_time_rows(
     heads = np.unique(view.member).tolist()
     named = [part.member for part in own if part.member in heads]
     off = view.calc_residual(())
+    # A named head is drawn; otherwise the head that deviates most.
     head = named[0] if named else max(heads, key=lambda k: abs(float(off[view.member == k].mean())))
     return view.member == head, f"head {head} less the mean of all heads"
 

@@ -35,13 +35,16 @@ MAX_MODEL_LINES = 4
 # Share of the distance between values by which replicates and labels are offset.
 JITTER_SHARE = 0.2
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P")
+# A step of the clock is divided into 12 bins: enough to see a peak, few enough for a small table.
 PHASE_BINS = 12
 
 
 def draw_table_column(view: MeasuredColumn) -> Picture:
     """Returns points with both models' lines above, and residuals before and after below."""
+    # Without a named cause both models are equal, and one line is drawn.
     named = any(group.held for group in view.groups)
     columns = max(1, sum(bool(group.label) for group in view.groups))
+    # Several groups of rows share the y axis, so that their levels can be compared.
     sheet = ChartSheet(9.4 if columns > 1 else 6.6, 5.6, 2, columns, shares_y=True)
     for column, group in enumerate(view.groups):
         above, below = sheet.panels[0][column], sheet.panels[1][column]
@@ -54,6 +57,7 @@ def draw_table_column(view: MeasuredColumn) -> Picture:
 
 def _format_caption(view: MeasuredColumn, named: bool) -> str:
     path, column = view.table, view.column
+    # Paths of Windows have backslashes, also in a file that is read elsewhere.
     table = path.replace("\\", "/").rsplit("/", 1)[-1]
     models = (
         "the nominal machine and the machine with the causes" if named else "the nominal machine"
@@ -78,6 +82,8 @@ def _draw_models(
 ) -> None:
     rows = group.rows
     sets = _split_settings(view, rows)
+    # With many settings the lines would cross everywhere; measured against predicted stays
+    # readable.
     if view.main and len(sets) <= MAX_MODEL_LINES:
         x = view.variables[view.main]
         for k, (words, inside) in enumerate(sets):
@@ -94,6 +100,7 @@ def _draw_models(
                 label=f"{MEASURED_LABEL}{words}",
             )
             for series, colour, line, label in _list_model_lines(view, named):
+                # Replicates share a setting, so the model's line has one point for each.
                 at, mean = _calc_value_means(x[inside], series[inside])
                 panel.plot(at, mean, colour, dash=line, width=1.8, label=label)
         panel.label(
@@ -101,6 +108,7 @@ def _draw_models(
         )
         return
     for series, colour, _, label in _list_model_lines(view, named):
+        # Hollow markers of the nominal machine stay visible below the filled ones.
         hollow = colour == BEFORE_COLOUR
         panel.plot(
             series[rows],
@@ -114,6 +122,7 @@ def _draw_models(
         )
     both = np.concatenate([view.observed[rows], view.nominal[rows]])
     ends = [float(both.min()), float(both.max())]
+    # On the diagonal measured and predicted are equal.
     panel.plot(ends, ends, DIM_COLOUR, width=0.9)
     panel.label(f"predicted, {view.unit}", f"{MEASURED_LABEL}, {view.unit}" if first else "")
 
@@ -128,13 +137,16 @@ def _split_settings(
 ) -> list[tuple[str, npt.NDArray[np.bool_]]]:
     """Returns groups of rows in which all variables that affect the model, except the main
     variable, are equal, with words where several groups exist."""
+    # A replicate is a repetition and no setting.
     others = [name for name in view.variables if name not in (view.main, "replicate")]
     moving = [name for name in others if not _is_without_effect(view, name)]
     keys = (
+        # Rounding to 9 decimals makes equal settings of a computed column equal.
         list(zip(*[np.round(view.variables[name], 9).tolist() for name in moving], strict=True))
         if moving
         else [()] * len(rows)
     )
+    # Settings without a row in this group would add empty entries to the legend.
     kinds = sorted({key for key, inside in zip(keys, rows.tolist(), strict=True) if inside})
     found = []
     for kind in kinds:
@@ -155,6 +167,7 @@ def _is_without_effect(view: MeasuredColumn, name: str) -> bool:
     for series in (view.nominal, view.extended):
         for value in np.unique(x):
             same = series[x == value]
+            # The tolerance is relative, because columns have units from seconds to kilograms.
             if np.ptp(same) > 1e-6 * (1.0 + float(np.abs(same).max())):
                 return False
     return True
@@ -164,6 +177,7 @@ def _draw_residuals(
     panel: ChartPanel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
 ) -> None:
     rows = group.rows
+    # A table without a main variable is drawn by row number.
     x = view.variables[view.main] if view.main else np.arange(len(view.observed), dtype=float)
     step = _find_value_step(x)
     panel.draw_level(0.0)
@@ -171,6 +185,7 @@ def _draw_residuals(
     if named:
         series.append((view.after, AFTER_COLOUR, "s", "-", EXTENDED_LABEL, 1.0))
     for values, colour, marker, line, label, side in series:
+        # Both models' points are shifted to either side, so that they do not hide each other.
         shift = side * JITTER_SHARE * 0.5 * step if named else 0.0
         fill = PAPER_COLOUR if side < 0 else colour
         panel.plot(
@@ -227,6 +242,7 @@ def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -
         x = view.variables[left.variable]
         label = find_variable(left.variable, "table").label
     else:
+        # A label has no number: its groups get positions 0, 1, 2 with names.
         x = np.zeros(len(view.observed))
         for k, group in enumerate(view.groups):
             x[group.rows] = k
@@ -243,6 +259,7 @@ def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -
         fill=colour if named else PAPER_COLOUR,
         label=EXTENDED_LABEL if named else NOMINAL_LABEL,
     )
+    # A smooth function through two values would only be a line.
     if left.variable in view.variables and len(np.unique(x)) > 2:
         draw_smooth_line(panel, x, view.after)
     panel.label(label, f"residual, {view.unit}")
@@ -259,6 +276,7 @@ def draw_clock_phases(views: Sequence[MeasuredColumn], step_s: float) -> Picture
     view = next((v for v in views if v.unit == "s"), None)
     if view is None or step_s <= 0.0:
         return None
+    # The half step centres the phases: times on the clock's steps lie at zero.
     phase = np.mod(view.observed / step_s + 0.5, 1.0) - 0.5
     sheet = ChartSheet(6.4, 2.8)
     edges = np.linspace(-0.5, 0.5, PHASE_BINS + 1)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from topdress.control.calibration.least_squares import FittedInterval
     from topdress.control.calibration.wheel_fit import WheelFit
 
+# Points of a drawn curve: more than a terminal has columns for it.
 CURVE_POINTS = 40
 # Largest CSV file that is offered, because bench tables are small, bytes.
 MAX_TABLE_BYTES = 1_000_000
@@ -55,8 +56,12 @@ def make_calibrate_service(
     tables : further folders in which lag tables are searched.
     """
     place = folder or find_data_folder() / "machines"
+    # The rig and `topdress import` write tables next to logs or into the working folder, so both
+    # are searched.
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
+    # The wheel speeds of this session were computed with the cab's circumference, so the fit must
+    # begin with it.
     counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m
     return CalibrateService(
         machine=machine.id,
@@ -67,6 +72,7 @@ def make_calibrate_service(
         wheel_circumference_m=counted_m,
         most_kg=machine.flow.full_kg,
         expected_kg=lambda shaft_rpm, opening_mm, revolutions: (
+            # Grams become kilograms, the unit of the weighing field on the screen.
             calc_grams_per_rev(machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0
         ),
         fit_catch=lambda caught: fit_catch_test(machine, caught),
@@ -87,6 +93,7 @@ def make_calibrate_service(
 def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     """Returns the flow per turn from weighed catches, with the line over opening, or over shaft
     speed where only that was changed."""
+    # scipy takes a moment to load and is needed only after a test is weighed.
     from scipy.special import stdtrit
     from topdress.control.calibration.flow_fit import fit_flow
 
@@ -94,7 +101,9 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
     slope = flow.grams_per_rev_mm.value
     offset = flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0
     falloff = flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0
+    # Each fitted parameter costs a degree of freedom of the t distribution.
     terms = 1 + (flow.zero_offset_g_rev is not None) + (flow.fill_falloff_percent is not None)
+    # The band is a 90 % prediction interval of one more catch, as a share of the value.
     band = (
         float(stdtrit(flow.rows_used - terms, 0.95))
         * flow.residual_sd_percent
@@ -106,14 +115,18 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
         return slope * opening_mm + offset
 
     def calc_fill_share(shaft_rpm: float) -> float:
+        # The cubic falloff is that of the flow model in the machine file.
         return 1.0 - falloff / 100.0 * (shaft_rpm / machine.flow.full_rpm) ** 3
 
     low_mm, high_mm = flow.opening_mm
     low_rpm, high_rpm = flow.shaft_rpm
+    # A test at one opening shows nothing over opening, so the axis is shaft speed.
     by_speed = high_mm - low_mm < MAX_OPENING_DIFFERENCE_MM and high_rpm > low_rpm
     middle_mm = sum(one.opening_mm for one in caught) / len(caught)
     middle_rpm = sum(one.shaft_rpm for one in caught) / len(caught)
     if by_speed:
+        # The points are shifted to the mean opening by the fitted line, so that they can be
+        # compared with the curve.
         points = tuple(
             (
                 one.shaft_rpm,
@@ -128,6 +141,7 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
             for x in _make_even_steps(low_rpm, high_rpm)
         ]
     else:
+        # The points are shifted to the mean speed by the fitted falloff, for the same reason.
         points = tuple(
             (
                 one.opening_mm,
@@ -159,6 +173,7 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
 
 
 def make_catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
+    # The table has the columns of a bench file, so that page and command line share the fit.
     """Returns the weighed catches as a bench table."""
     import numpy as np
     from topdress.control.calibration.bench_table import BenchTable
@@ -174,6 +189,8 @@ def make_catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
 def format_catch_csv(caught: Sequence[CatchPoint]) -> str:
     """Returns the text of a catch bench table; the product of shaft_rpm and duration_s is the
     counted revolutions."""
+    # The header matches the bench files of `topdress calibrate catch`, which reads this table
+    # again.
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("replicate", "shaft_rpm", "opening_mm", "duration_s", "mass_kg"))
@@ -197,17 +214,20 @@ def find_lag_tables(folders: Sequence[Path]) -> list[LagTable]:
         path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")
     }
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
+        # A look at size and header avoids parsing long run logs, which are CSV files too.
         if path.stat().st_size > MAX_TABLE_BYTES or "shaft_rpm" not in _read_header_line(path):
             continue
         try:
             found.append(open_lag_table(path))
         except (ValueError, OSError):
+            # The list offers only tables that can be fitted; a typed path still reports its error.
             continue
     return found
 
 
 def _read_header_line(path: Path) -> str:
     with path.open("rb") as file:
+        # 500 bytes hold the header of every bench table.
         return file.read(500).decode("utf-8", "replace").split("\n")[0]
 
 
@@ -216,6 +236,7 @@ def open_lag_table(path: Path) -> LagTable:
     from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(path, "lag")
+    # Response times contain the reaction of the sensor and are no lag of the material.
     if not any(name in table.columns for name in ("lag_s", "drop_s", "lag_m")):
         raise ValueError(
             f"{path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m"
@@ -233,6 +254,7 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(Path(path), "lag")
+    # A table of changes alone determines the tube and no lag line.
     if table.find_running_rows().all():
         tube = settle_tube(table, machine)[1]
         return Calibrated(
@@ -242,6 +264,7 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
             source=(path, label),
         )
     _machine, line = lag_fit.fit_lag(table, machine, label=label)
+    # The label selects rows of one way of measuring, e.g. detected drops.
     chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
     if lags is None:
@@ -252,8 +275,11 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     speeds = table.columns["shaft_rpm"]
     chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.find_running_rows()
     points = tuple((float(x), float(y)) for x, y in zip(speeds[chosen], lags[chosen], strict=True))
+    # The tolerance keeps speeds at the ends, which were rounded in the file.
     used = speeds[chosen & (speeds >= line.from_rpm - 1e-6) & (speeds <= line.to_rpm + 1e-6)]
+    # Mean and sum of squares of the shaft speeds are the terms of a line's prediction interval.
     middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))
+    # 0.95 in the upper tail of two sides gives the 90 % interval; a line has two parameters.
     quantile = float(stdtrit(line.rows_used - 2, 0.95)) * line.residual_sd_s
 
     def calc_half_band_s(x: float) -> float:
@@ -318,6 +344,7 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
     from topdress.control.diagnosis.runs import effort_reference
     from topdress.drivers.files.any_log import open_any_log
 
+    # A log that is still being written is read as far as its last complete row.
     new, fits = effort_reference.fit_effort(
         dict(open_any_log(Path(path)).columns),
         machine,
@@ -330,7 +357,11 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
         for place, one, unit in fit.numbers
     ]
     return Calibrated(
-        "effort", tuple(numbers), scatter=f"{fits[0].scatter:.3g} {fits[0].unit}", source=(new,)
+        "effort",
+        tuple(numbers),
+        scatter=f"{fits[0].scatter:.3g} {fits[0].unit}",
+        source=(new,),
+        # The fitted machine is kept as the source, because saving must not fit the grown log again.
     )
 
 
@@ -350,6 +381,7 @@ def save_calibrated(
     from topdress.drivers.files.kinds import MACHINE_KIND
 
     path = folder / f"{name.removesuffix('.yaml')}.yaml"
+    # A catch test was typed by hand, so its table is saved too: otherwise its data would be lost.
     table_path = path.with_suffix(".catch.csv")
     for taken in (path, table_path) if fitted.kind == "catch" else (path,):
         if taken.exists():
@@ -368,9 +400,11 @@ def save_calibrated(
             if read.find_running_rows().all()
             else fit_line(read, machine, label=label, date=today)[0]
         )
+        # The tube is settled on the machine that already has the new lag.
         if read.find_running_rows().any():
             new, _tube = settle_tube(read, new, date=today)
     else:
+        # The table is written first, because the machine file names it as the source of its values.
         write_atomically(table_path, format_catch_csv(fitted.source))
         new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
     config.save_config(path, new, MACHINE_KIND)

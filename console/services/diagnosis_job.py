@@ -24,6 +24,7 @@ from topdress.console.app.pages.diagnosis.service import (
 )
 from topdress.drivers import day_clock
 
+# Type checking only: the process starts before it loads numpy and the diagnosis.
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Diagnosis
     from topdress.control.machine.machine import Machine
@@ -71,8 +72,10 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
     if order.kind == IMPORT_KIND:
         from topdress.console.services.foreign_files import import_file_as_log
 
+        # A progress line before the slow import shows that the process has begun.
         tell(0.0, "importing")
         log, notes = import_file_as_log(Path(order.data), Path(order.logs))
+        # The imported log is diagnosed as a run: from here on its origin makes no difference.
         order = dataclasses.replace(order, data=str(log), kind="run")
     machine = find_order_machine(order)
     data, name, done = Path(order.data), Path(order.data).name, 0.0
@@ -84,6 +87,7 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
         )
 
     def tell_later_share(share: float, stage: str) -> None:
+        # The diagnosis fills the rest of the bar behind the simulated drive.
         tell(done + (1.0 - done) * share, stage)
 
     _diagnose_and_write(order, machine, data, name, notes, tell_later_share)
@@ -98,12 +102,14 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.atomic import write_atomically
 
+    # The order's machine is the changed file; its own history gives the file before.
     after = find_order_machine(order)
     tell(0.0, "reading")
     found = compared(
         dict(open_any_log(Path(order.data)).columns),
         undo_last_change(after),
         after,
+        # The comparison takes some 80 % of the time, and the pages take the rest.
         lambda share, word: tell(0.8 * share, word),
     )
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
@@ -137,24 +143,31 @@ def drive_simulated_run(
     from topdress.drivers.files.run_meta import make_run_meta
     from topdress.drivers.files.setup import load_setup
 
+    # Tick of the control loop, s.
     dt_s = 0.05
     setup = load_setup(order.default_machine, "demo", day_clock.read_today())
     wanted = make_drive(order.manoeuvre, setup.job, machine)
+    # The simulated machine needs a field, which the job of a separating run does not have.
     job = add_simulated_field(wanted.job, machine)
     plant = make_plant(
         machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted]
     )
     loop = make_control_loop(machine, setup.crop, setup.rule, job)
     writer = PlainLogWriter(
-        out, make_run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True
+        # The folder belongs to this order alone, so an earlier file there may be replaced.
+        out,
+        make_run_meta(machine, setup.crop, job, seed=order.seed),
+        overwrite=True,
     )
     try:
         for number, step in enumerate(
             simulate_run(plant, loop, wanted.seconds, orders=wanted.orders)
         ):
             writer.append(step.tick.row)
+            # 200 ticks are 10 s of simulated time; more lines would only cost time.
             if number % 200 == 0:
                 tell(number * dt_s / wanted.seconds, "driving")
+    # The log is closed after a failure too, so that its rows reach the disk.
     finally:
         writer.close()
 
@@ -186,6 +199,7 @@ def _diagnose_and_write(
         found = diagnose_run(
             columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word)
         )
+        # dict.fromkeys removes doubles: import and diagnosis can report the same fact.
         said = dict.fromkeys((*notes, *map(str, log.findings), *found.findings))
         found = dataclasses.replace(found, findings=tuple(said))
         tools, target = {"columns": columns, "machine": machine}, calc_mean_target(columns)
@@ -200,10 +214,13 @@ def _diagnose_and_write(
         tools = {"tables": tables, "machine": machine}
     tell(0.86, "pictures")
     view = make_diagnosis_view(found, tools, name, target, order.planted)
+    # Machine files are written for all possible selections now, so that adopting one needs no
+    # second diagnosis.
     offers = []
     for number, ids in enumerate(list_selections(view)):
         file = f"machine-{number}.yaml"
         offers.append(_write_adoption_offer(found, ids, machine, data, folder / file))
+    # JSON is written before the report: a report that fails must not lose the result.
     write_atomically(folder / RESULT_NAME, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(
         folder / VIEW_NAME, json.dumps(convert_to_plain(view._replace(offers=tuple(offers))))
@@ -233,6 +250,7 @@ def _write_adoption_offer(
     from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.kinds import MACHINE_KIND
 
+    # The drive's joint fit is adopted only if the operator selected it.
     fitted = (
         found.fitted if found.fitted is not None and format_whole_id(found.fitted) in ids else None
     )
@@ -242,6 +260,7 @@ def _write_adoption_offer(
     extended = extend(
         machine, taken.found, date=day_clock.read_today().isoformat(), sha256=calc_sha256(data)
     )
+    # A file that equals the old one would be an empty entry of the history.
     if extended == machine:
         return AdoptionOffer(ids, "", (), refused)
     left = {name for name, _ in taken.refused}
@@ -262,6 +281,7 @@ def make_progress_teller() -> TellProgress:
 
     def tell_progress(share: float, stage: str) -> None:
         nonlocal last
+        # A falling share is the beginning of a later stage and is shown at once.
         if share - last >= MIN_SHARE_STEP or share < last:
             last = share
             _print_json_line({"share": round(share, 3), "stage": stage})
@@ -271,6 +291,7 @@ def make_progress_teller() -> TellProgress:
 
 def _print_json_line(what: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(what) + "\n")
+    # The page reads line by line; a buffered line would arrive only at the end.
     sys.stdout.flush()
 
 
@@ -279,11 +300,13 @@ def run_job(path: str) -> int:
     from topdress.drivers.files.config import ConfigError
     from topdress.drivers.files.plain_data import build_from_plain
 
+    # Windows has no nice values.
     if hasattr(os, "nice"):
         os.nice(DIAGNOSIS_NICENESS)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
         carry_out_order(build_from_plain(DiagnosisOrder, said), make_progress_teller())
+    # An import with open questions is no error: the page asks them.
     except ImportNeedsAnswersError as asked:
         _print_json_line({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:

@@ -40,6 +40,7 @@ def make_diagnosis_view(
 
     `tools` are those of the report: {"columns", "machine"} or {"tables", "machine"}.
     """
+    # The rows of the log stay out of the view, because the view is sent as JSON to another process.
     found = dataclasses.replace(sort_headlines(found), seen_with=None)
     machine: Machine = tools["machine"]
     views: tuple[ChannelView, ...] = (
@@ -47,6 +48,7 @@ def make_diagnosis_view(
     )
     tables = make_table_views(tools["tables"], machine, found.causes) if "tables" in tools else ()
     parts = list_effect_instances(found.causes)
+    # Channels of segments have another unit of time, so their r.m.s. would not compare.
     after = {
         view.name: _calc_rms(view.calc_residual(parts)) for view in views if view.segments is None
     }
@@ -60,6 +62,7 @@ def make_diagnosis_view(
         after if found.causes else {},
         kept,
         refused,
+        # The page offers to drive only those runs that the simulated machine can drive.
         run.id if run is not None and is_drivable(run.id) else "",
         _find_unexplained_curve(found, views, parts),
         mean_target_kg_ha,
@@ -69,6 +72,7 @@ def make_diagnosis_view(
 
 def _calc_rms(values: Array) -> float:
     known = values[np.isfinite(values)]
+    # The mean is removed: a constant offset is reported as bias.
     return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
 
 
@@ -81,12 +85,14 @@ def _find_cause_curves(
     own = list_effect_instances([cause])
     if not own:
         return CauseCurves()
+    # A bench table has no course over time.
     if tables:
         return CauseCurves(_make_table_curve(cause, tables))
     shown = find_view(views, parts, own[0])
     if shown is None:
         return CauseCurves()
     view, effect = shown
+    # The curves of time are in minutes.
     onset = None if own[0].onset_s is None else own[0].onset_s / 60.0
     return CauseCurves(
         _make_axis_curve(view, view.find_effect_axis(own[0], effect), parts),
@@ -157,6 +163,7 @@ def _make_residual_curve(
         if round(float(x), 9) in mine
     ]
     rows = [row for row in rows if all(math.isfinite(value) for value in row)]
+    # A curve needs two points.
     if len(rows) < 2:
         return None
     at, old, new, half = zip(*sorted(rows), strict=True)
@@ -168,6 +175,7 @@ def _make_table_curve(cause: Cause, tables: Sequence[MeasuredColumn]) -> Residua
     standard error as half width."""
     stage = CATALOGUE[cause.id].stage
     usable = [table for table in tables if table.main and np.any(table.extended != table.nominal)]
+    # Tables of the cause's own stage come first; sort() keeps the order of the others.
     usable.sort(key=lambda table: table.channel != stage)
     if not usable:
         return None
@@ -189,6 +197,7 @@ def _make_table_curve(cause: Cause, tables: Sequence[MeasuredColumn]) -> Residua
         tuple(kinds.tolist()),
         tuple(calc_kind_means(table.before).tolist()),
         tuple(after.tolist()),
+        # 1.645 standard errors are half of a 90 % interval.
         tuple((1.645 * spread).tolist()),
     )
 
@@ -200,5 +209,6 @@ def calc_mean_target(columns: Mapping[str, Any]) -> float | None:
     if wanted is None:
         return None
     wanted = np.asarray(wanted, np.float64)
+    # Targets of zero, e.g. turns, are not part of the mean dose.
     wanted = wanted[np.isfinite(wanted) & (wanted > 0.0)]
     return float(wanted.mean()) if len(wanted) else None

@@ -37,14 +37,17 @@ from topdress.console.services.fleet_job import (
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.extras import require_extras
 
+# Both names are a contract: a second run finds the finished work by them.
 RECORDS_FOLDER, SEEN_FILES_NAME = "logs", "seen.json"
 LOG_SUFFIXES = (".csv", ".parquet", ".pq")
+# The truth of a simulated log lies next to the log and is no log itself.
 SKIPPED_SUFFIXES = (".truth.csv",)
 # Number of tasks in the cluster for each of its threads: few, so that cancelling is quick.
 TASKS_PER_THREAD = 4
 # Number of checksums in a task, because the checksum of a short log takes less time than a task.
 CHECKSUMS_PER_TASK = 16
 # Memory limit of a local worker.
+# A worker beyond this limit restarts, so one huge log cannot exhaust the computer.
 WORKER_MEMORY = "2GB"
 # Dask returns memory at every 64 kB that are free. glibc then maps and unmaps each array above 128
 # kB anew, which takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None keeps the
@@ -112,6 +115,7 @@ def open_cluster(
     import dask
     from distributed import Client, LocalCluster, Security
 
+    # Loggers of libraries exist only after their import.
     for name in logging.root.manager.loggerDict:
         if name.startswith(NOISY_LOGGERS):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -124,10 +128,13 @@ def open_cluster(
             with _ignore_interrupts(), dask.config.set(DASK_SETTINGS):
                 local = LocalCluster(
                     n_workers=workers,
+                    # One thread for each worker: the diagnosis computes in numpy, where threads
+                    # would compete.
                     threads_per_worker=1,
                     processes=True,
                     memory_limit=WORKER_MEMORY,
                     dashboard_address=None,
+                    # The local address keeps the scheduler off the network.
                     host="127.0.0.1",
                     protocol="tls://",
                     security=Security.temporary(),
@@ -163,6 +170,7 @@ def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> 
     except Exception as error:
         why = (str(error).splitlines() or ["nobody answers"])[0]
         raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
+    # Leaving this block closes the client only: the scheduler belongs to others.
     with client:
         try:
             client.wait_for_workers(1, timeout=JOIN_TIMEOUT_S)
@@ -218,6 +226,7 @@ def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
         if not said:
             yield f"{who} does not tell its versions"
             continue
+        # Both packages define the wire format of tasks.
         for package in ("distributed", "cloudpickle"):
             if said["packages"].get(package) != here["packages"].get(package):
                 yield (
@@ -225,6 +234,7 @@ def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
                     f"{here['packages'].get(package)}: "
                     "allowed is the same"
                 )
+        # The last number of a Python version does not change its pickles.
         if said["host"]["python"].split(".")[:2] != here["host"]["python"].split(".")[:2]:
             yield (
                 f"{who} runs Python {said['host']['python']}, here is "
@@ -263,6 +273,7 @@ def find_logs(paths: Sequence[str], out: Path, options: StoreOptions | None = No
     own, named = out.resolve(), set(paths)
     return [
         log
+        # Each log is diagnosed once even if several patterns name it.
         for log in dict.fromkeys(found)
         if "://" in log or log in named or own not in Path(log).resolve().parents
     ]
@@ -308,6 +319,7 @@ def diagnose_fleet(
     worker can read the logs.
     """
     (out / RECORDS_FOLDER).mkdir(parents=True, exist_ok=True)
+    # A known state of a file (time, size) saves reading its bytes for a checksum.
     seen = _read_seen_files(out)
     found = _find_file_states(paths, asked.options)
     marks = {path: state and f"{state} {asked.salt}" for path, (state, _sides) in found.items()}
@@ -352,6 +364,7 @@ def diagnose_fleet(
                 seen[path] = (marks[path], key)
             tell(number + 1, len(unknown), "looking at the files")
         _write_seen_files(out, seen)
+        # Logs with equal bytes are diagnosed once, under the first path.
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
@@ -387,6 +400,7 @@ def diagnose_fleet(
     finally:
         _write_seen_files(out, seen)
     every = [{"key": key, **kept[key], "path": path} for key, path in first.items() if key in kept]
+    # The reversed list keeps the first of several records with equal content.
     records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
     twins = len(keys) - len(first) + len(every) - len(records)
