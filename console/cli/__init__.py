@@ -159,6 +159,7 @@ def format_examples(name: str) -> str:
 
 # The help uses words: an argument's name describes it, ranges are written out, and types and
 # symbols of Python are removed.
+# The pattern takes the blanks behind the type too, because they align the column of descriptions.
 _TYPE_PATTERN = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
 _NUMBER_PATTERN = r"-?[\d.]+(?:e[-+]?\d+)?"
 _RANGE_PATTERN = re.compile(
@@ -198,8 +199,11 @@ class PlainCommand(TyperCommand):
 def _make_typer_app() -> typer.Typer:
     return typer.Typer(
         name="topdress",
+        # Without a command the console opens; typer would otherwise print its help.
         no_args_is_help=False,
+        # Plain text stays readable in a pipe and needs no rich, which takes time to load.
         rich_markup_mode=None,
+        # Tracebacks of typer show local values; faults are reported by plain_errors in one line.
         pretty_exceptions_enable=False,
         epilog=HELP_END,
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
@@ -207,6 +211,7 @@ def _make_typer_app() -> typer.Typer:
 
 
 # Commands by name, with their file in this folder and their function.
+# The places are texts, so that no command's module is imported before it runs.
 COMMAND_FUNCTIONS = {
     "run": "run.run_console",
     "replay": "replay.replay_log",
@@ -255,6 +260,7 @@ def run_main_command(
 
 
 def _import_function(place: str) -> Callable[..., None]:
+    # The message of an import that fails names the module, so this is not caught here.
     file, _, name = place.partition(".")
     found: Callable[..., None] = getattr(import_module(f"topdress.console.cli.{file}"), name)
     return found
@@ -274,6 +280,7 @@ def _make_main_app() -> typer.Typer:
     return app
 
 
+# Building every command takes time and is needed at most once.
 @cache
 def make_whole_app() -> typer.Typer:
     """Returns the app with every command, which is also `console.cli.app`."""
@@ -291,6 +298,7 @@ def make_whole_app() -> typer.Typer:
     return app
 
 
+# `console.cli.app` is made at its first use, since most runs need only one command.
 def __getattr__(name: str) -> Any:
     if name == "app":
         return make_whole_app()
@@ -304,6 +312,7 @@ def make_requested_app(words: Sequence[str], environment: Mapping[str, str]) -> 
     help, completion and unknown commands load the full app.
     """
     name = words[0] if words else "run"
+    # Completion in a shell sets _TOPDRESS_COMPLETE and needs the names of all commands.
     if name not in COMMAND_FUNCTIONS or any(key.endswith("_COMPLETE") for key in environment):
         return make_whole_app()
     return _add_commands({name: COMMAND_FUNCTIONS[name]}, _make_main_app())
@@ -311,6 +320,8 @@ def make_requested_app(words: Sequence[str], environment: Mapping[str, str]) -> 
 
 def main() -> None:
     """Runs the entry point `topdress`."""
+    # Threads of the matrix library must be limited before numpy is imported.
     limit_matrix_threads()
+    # Streams are replaced before any output, so that a full pipe never blocks a command.
     replace_streams()
     make_requested_app(sys.argv[1:], os.environ)()

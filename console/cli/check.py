@@ -293,7 +293,7 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
     except ConfigError:
         return []
     return [
-        # Without a cab file the simulated heads count, which measure NDVI.
+        # Without a cab file the heads of the simulated machine are compared.
         line
         for cab in cabs or [None]
         for line in find_index_disagreements(cab, crop, job.model)

@@ -19,7 +19,7 @@ from topdress.console.cli.outputs import (
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
-# Type checking only: the importers load pandas-like readers when a file is read.
+# Type checking only: the importers load their readers when a file is read.
 if TYPE_CHECKING:
     from topdress.drivers.files.imports.guess_result import ImportGuess
     from topdress.drivers.files.imports.mapping import ImportFile

@@ -104,7 +104,7 @@ def show_run(
         return JobFiles(launcher)
 
     job, lines = make_late_service(make_job_files), KeptLineFiles()
-    # The model check needs numba of the extra diagnosis to keep up with the machine.
+    # The model check computes with numba, which the extra diagnosis installs.
     checked = model_check and is_extra_installed("diagnosis")
     source: Link | None = None
     if running is not None:

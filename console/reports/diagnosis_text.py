@@ -87,7 +87,6 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
 def describe_adoption(found: Diagnosis) -> list[str]:
     """Returns the effects of a run's diagnosis that a machine file adopts, and those that it does
     not adopt, with reasons."""
-    # Bench tables fit their own parameters, so no list of effects applies.
     kept, left = diagnosis_wording.sort_adoptable(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left

@@ -226,7 +226,7 @@ def calc_plan_evenness(applied: AsApplied) -> list[tuple[str, str]]:
     by the mean applied, weighted by area.
     """
     s = applied.stretches
-    # Segments with a target of zero, e.g. headland turns, would divide by zero.
+    # Segments without a target have no plan with which they can be compared.
     known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
     if not known.any():
         return []

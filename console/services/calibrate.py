@@ -56,8 +56,7 @@ def make_calibrate_service(
     tables : further folders in which lag tables are searched.
     """
     place = folder or find_data_folder() / "machines"
-    # The rig and `topdress import` write tables next to logs or into the working folder, so both
-    # are searched.
+    # Bench tables may lie next to the logs, next to machine files or in the working folder.
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
     # The wheel speeds of this session were computed with the cab's circumference, so the fit must

@@ -147,7 +147,7 @@ def drive_simulated_run(
     dt_s = 0.05
     setup = load_setup(order.default_machine, "demo", day_clock.read_today())
     wanted = make_drive(order.manoeuvre, setup.job, machine)
-    # The simulated machine needs a field, which the job of a separating run does not have.
+    # A job without a boundary gets the simulator's field.
     job = add_simulated_field(wanted.job, machine)
     plant = make_plant(
         machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted]

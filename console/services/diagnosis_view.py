@@ -48,7 +48,6 @@ def make_diagnosis_view(
     )
     tables = make_table_views(tools["tables"], machine, found.causes) if "tables" in tools else ()
     parts = list_effect_instances(found.causes)
-    # Channels of segments have another unit of time, so their r.m.s. would not compare.
     after = {
         view.name: _calc_rms(view.calc_residual(parts)) for view in views if view.segments is None
     }
@@ -209,6 +208,6 @@ def calc_mean_target(columns: Mapping[str, Any]) -> float | None:
     if wanted is None:
         return None
     wanted = np.asarray(wanted, np.float64)
-    # Targets of zero, e.g. turns, are not part of the mean dose.
+    # A target of zero means that nothing was to be applied, and would lower the mean dose.
     wanted = wanted[np.isfinite(wanted) & (wanted > 0.0)]
     return float(wanted.mean()) if len(wanted) else None
