@@ -72,7 +72,7 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
     if order.kind == IMPORT_KIND:
         from topdress.console.services.foreign_files import import_file_as_log
 
-        # A progress line before the slow import shows that the process has begun.
+        # A progress line before the slow import shows that the process runs.
         tell(0.0, "importing")
         log, notes = import_file_as_log(Path(order.data), Path(order.logs))
         # The imported log is diagnosed as a run: from here on its origin makes no difference.
