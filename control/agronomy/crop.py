@@ -36,6 +36,7 @@ class GrowingDays(FrozenModel):
 
     @model_validator(mode="after")
     def _check_one_source(self) -> Self:
+        # Two sources of the days could contradict each other without anyone noticing.
         if self.count is not None and self.weather is not None:
             raise ValueError("allowed is one of count (with above_c) and weather (with sown)")
         if self.count is None and self.sown is None:
@@ -48,6 +49,8 @@ class GrowingDays(FrozenModel):
             raise ValueError("sown and sensed go with weather, not with count")
         if self.weather is not None and self.above_c is not None:
             raise ValueError(
+                # The base temperature of a weather file is the crop's own, so a second value would
+                # be ignored.
                 "above_c goes with count: a weather file is counted over the crop's own base_temp_c"
             )
         if self.sown is not None and self.sensed is not None and self.sensed <= self.sown:
@@ -61,6 +64,7 @@ class GrowingDays(FrozenModel):
         -------
         An empty string where they fit."""
         rule = describe_day_rule(curve.base_temp_c)
+        # A curve over all days depends on no temperature.
         if curve.base_temp_c == "every_day":
             if self.above_c is not None:
                 return (
@@ -79,6 +83,7 @@ class GrowingDays(FrozenModel):
                 f"days: sown without weather: the yield curve counts {rule}, which a "
                 "weather file tells"
             )
+        # Days over another base give another INSEY, and the curve would not apply.
         if self.above_c is not None and self.above_c != curve.base_temp_c:
             return (
                 f"days.above_c {self.above_c:g}: the yield curve's own rule is {rule}; "
@@ -208,6 +213,7 @@ class Crop(FrozenModel):
 
     @model_validator(mode="after")
     def _check_one_rule(self) -> Self:
+        # These keys belong to the yield curve and have no meaning for the sufficiency index.
         of_yield = {
             "days": self.days,
             "y_max_t_ha": self.y_max_t_ha,
@@ -224,6 +230,7 @@ class Crop(FrozenModel):
                     ("response_index", self.response_index, "paper"),
                     ("yield_ceiling", self.yield_ceiling, "y_max"),
                 )
+                # A key at its default was probably not written by the user.
                 if value != only
             ]
             if too_many:
@@ -247,18 +254,21 @@ class Crop(FrozenModel):
         curve = self.yield_potential
         if curve is None or self.days is None:
             return self
+        # A curve of NDVI gives wrong yields from NDRE readings.
         if self.index == "ndre" and curve.set is not None:
             raise ValueError(
                 f"index ndre: yield_potential.set {curve.set} was published for NDVI: write "
                 "out a_t_ha, "
                 "b_days, base_temp_c and source of a curve over NDRE, or take sufficiency"
             )
+        # Some published sets hold for one crop only.
         if curve.only_crop and self.id != curve.only_crop:
             raise ValueError(
                 f"yield_potential.set {curve.set} belongs to crop {curve.only_crop} alone: "
                 f"{curve.warning}"
             )
         if curve.warning and not self.flag:
+            # The operator must see the warning, so the file must carry it.
             raise ValueError(f"flag missing: set {curve.set} needs one, because {curve.warning}")
         fault = self.days.find_mismatch(curve)
         if fault:
@@ -267,6 +277,7 @@ class Crop(FrozenModel):
         if (
             curve.set is not None
             and own is not None
+            # A set comes with its own line; another line would mix two publications.
             and own not in (curve.response_line, IDENTITY_LINE)
         ):
             raise ValueError(
@@ -278,11 +289,13 @@ class Crop(FrozenModel):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
+        # NDRE has another range, so the default of NDVI would cut off real canopies.
         if self.index == "ndre" and "ndvi_min" not in self.model_fields_set:
             raise ValueError("index ndre: ndvi_min missing: its default, 0.25, is one of NDVI")
         fixed, most = self.fixed_yield_t_ha, self.y_max_t_ha
         if fixed is not None and most is not None and fixed > most:
             raise ValueError(f"fixed_yield_t_ha {fixed:g}: allowed is at most y_max_t_ha {most:g}")
+        # A fallback or lowest rate above the limit could never be applied.
         for key in ("fallback_rate_kg_ha", "min_rate_kg_ha"):
             if getattr(self, key) > self.max_rate_kg_ha:
                 raise ValueError(
@@ -301,16 +314,19 @@ class Crop(FrozenModel):
             raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {top:g}")
         if self.grades and self.ndvi_max is None:
             raise ValueError("ndvi_max missing: grades need an upper end (Chen et al.: 0.75)")
+        # Grades must end exactly at the upper end, otherwise the last grade would be cut.
         steps = (top - self.ndvi_min) / self.grade_width
         if self.grades and abs(steps - round(steps)) > 1e-6:
             raise ValueError(
                 f"grade_width {self.grade_width:g}: allowed is a whole part of the span "
                 f"{self.ndvi_min:g} to {top:g}"
             )
+        # A taper would replace the steps that grades are.
         if self.grades and self.taper_ndvi > 0.0:
             raise ValueError(
                 f"taper_ndvi {self.taper_ndvi:g}: allowed is 0 with grades, which are steps"
             )
+        # Tapers that overlap would leave no NDVI with the full rate; 1e-9 allows rounding.
         if 2.0 * self.taper_ndvi > top - self.ndvi_min + 1e-9:
             raise ValueError(
                 f"taper_ndvi {self.taper_ndvi:g}: allowed is at most half of the span "
@@ -323,6 +339,7 @@ class Crop(FrozenModel):
     def limit_rates(self, rate_kg_ha: float) -> Crop:
         """Returns the crop with its rates limited to `rate_kg_ha`, where its own limits are
         higher."""
+        # All three keys are lowered, because the check above requires their order.
         keys = ("max_rate_kg_ha", "fallback_rate_kg_ha", "min_rate_kg_ha")
         return self.model_copy(update={key: min(getattr(self, key), rate_kg_ha) for key in keys})
 
@@ -345,6 +362,8 @@ class Crop(FrozenModel):
         lines = [self.flag, "" if self.yield_potential is None else self.yield_potential.warning]
         if self.examples:
             lines.append(f"example values, not of this field: {', '.join(self.examples)}")
+        # A file that does not name the key gets the present default, which older versions did not
+        # have.
         if "grades" not in self.model_fields_set:
             lines.append(
                 "grades is not said: the rate follows NDVI smoothly; grades: true gives the "
@@ -406,5 +425,8 @@ class Sufficiency(FrozenModel):
         si : sufficiency index of the place.
         zone_factor : factor on the optimum at this place.
         less_n_kg_ha : nitrogen that was given before or is credited, kg/ha; it is subtracted."""
+        # Nitrogen that the crop already received is subtracted from the optimum before the curve is
+        # applied.
         optimum = max(0.0, self.n_opt_kg_ha * zone_factor - less_n_kg_ha)
+        # The index can be above 1 on noise, and the root needs a value between 0 and 1.
         return optimum * math.sqrt(min(1.0, max(0.0, (1.0 - si) / self.delta_si)))

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
+# Ends of the published scales: Feekes 1 to 11.4, BBCH 0 to 99; days as in the crop file.
 SCALE_RANGES: dict[str, tuple[float, float]] = {
     "feekes": (1.0, 11.4),
     "bbch": (0.0, 99.0),
@@ -94,6 +95,7 @@ def assess_growth(
     days : growing days, as the yield curve counts them."""
     if window is None:
         return None
+    # A stage on another scale cannot be converted without knowing the crop.
     stage = None
     if window.scale == "days":
         stage = None if days is None else float(days)

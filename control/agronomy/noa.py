@@ -77,6 +77,7 @@ def calc_yield_without_t_ha(insey_per_day: float, a_t_ha: float, b_days: float) 
     """Returns the yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). It is not
     capped, and infinite where the exponent reaches 700."""
     exponent = b_days * insey_per_day
+    # exp(700) is near the largest double; beyond it math.exp raises.
     return a_t_ha * math.exp(exponent) if exponent < 700.0 else math.inf
 
 
@@ -85,6 +86,7 @@ def calc_response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) 
     eq 5; cap: Raun et al. 2002).
 
     A field at NDVI 0 or below gives the cap."""
+    # A reading of 0 or less is bare soil or an error and must not divide.
     if ndvi_field <= 0.0:
         return cap
     return min(ndvi_nrich / ndvi_field, cap)
@@ -145,6 +147,7 @@ class Rule:
     def is_ready(self) -> bool:
         """Returns whether the rule can decide: with strips, or with the crop's fixed yield while
         there are none."""
+        # A fixed yield needs no strip.
         if self.crop.fixed_yield_t_ha is not None:
             return True
         return (
@@ -170,6 +173,7 @@ class Rule:
         zone_factor : factor on the rate at this place; 0 gives nothing, whatever the lowest
             rate."""
         crop = self.crop
+        # A missing reading is no reading of zero: the caller applies the fallback rate.
         if ndvi is None or not math.isfinite(ndvi):
             return Decision(0.0, "no_ndvi", None, None)
         if not self.is_ready:
@@ -182,6 +186,7 @@ class Rule:
             return Decision(0.0, _name_cutoff(ndvi, crop), None, None)
         grade, used = grade_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
+            # Grade 0 lies outside of the NDVI range.
             return Decision(0.0, _name_cutoff(ndvi, crop), 0, None)
         return self._decide_from_reading(used, grade, zone_factor)
 
@@ -193,6 +198,7 @@ class Rule:
         crop = self.crop
         if crop.taper_ndvi <= 0.0:
             return decision
+        # The distance to the nearer end of the range sets the share.
         inside = ndvi - crop.ndvi_min
         if crop.ndvi_max is not None:
             inside = min(inside, crop.ndvi_max - ndvi)
@@ -222,6 +228,7 @@ class Rule:
     def _limit_need(self, need_kg_ha: float) -> tuple[float, Why]:
         least, most = self.crop.min_rate_kg_ha, self.crop.max_rate_kg_ha
         why: Why = "limited" if need_kg_ha > most else "in_range"
+        # A need below the lowest rate is raised to it, except where the rule gives nothing.
         if need_kg_ha <= 0.0 or need_kg_ha < least:
             why = "lowest" if least > 0.0 else "yield_reached"
         return min(max(need_kg_ha, least), most), why
@@ -233,6 +240,7 @@ class Rule:
         # `prepare_rule` and the crop file's own check guarantee these values.
         assert days is not None and most is not None
         index = calc_insey(ndvi, days)
+        # No yield above Y_max is assumed, for either of both yields.
         without = min(calc_yield_without_t_ha(index, curve.a_t_ha, curve.b_days), most)
         if crop.yield_ceiling == "nrich" and self.ndvi_nrich is not None:
             most = min(
@@ -253,6 +261,7 @@ class Rule:
             with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency
         )
         rate, why = self._limit_need(
+            # Credited nitrogen becomes product before it is subtracted.
             need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction
         )
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
@@ -296,6 +305,7 @@ def prepare_rule(
         raise ValueError(
             f"crop {crop.id}: response_index field: goes with yield_potential, not with sufficiency"
         )
+    # A rule by place decides at once and needs its strip or a fixed yield beforehand.
     by_place = crop.sufficiency is None and response_rule == "paper"
     if by_place and ndvi_nrich is None and crop.fixed_yield_t_ha is None:
         raise ValueError(
@@ -388,6 +398,7 @@ def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float 
         raise ValueError(f"grade width {width:g}: allowed is above 0")
     if not low + _EDGE < ndvi <= high + _EDGE:
         return Graded(0, None)
+    # The ceiling makes the upper edge belong to its grade.
     grade = math.ceil((ndvi - low) / width - _EDGE / width)
     return Graded(grade, min(low + grade * width, high))
 

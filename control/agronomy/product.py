@@ -37,6 +37,7 @@ class CatchTest(FrozenModel):
     def _check_interval(self) -> Self:
         if (self.low is None) != (self.high is None):
             raise ValueError("low and high: allowed are both or none")
+        # The interval must contain its value, otherwise numbers of two tests were mixed.
         if (
             self.low is not None
             and self.high is not None
@@ -74,6 +75,7 @@ class Product(FrozenModel):
         """Returns the newest catch test with this machine; of several on one day the last in the
         file."""
         found = [test for test in self.catch_tests if test.machine == machine_id]
+        # reversed() makes max() return the last of several tests on one day.
         return max(reversed(found), key=lambda test: test.date, default=None)
 
     def append_test(self, test: CatchTest) -> Product:

@@ -37,6 +37,7 @@ def calc_cv_percent(values: npt.ArrayLike) -> float:
     -------
     NaN with fewer than two values or a mean not above zero."""
     w = _select_finite(values)
+    # A mean of zero or less has no relative scatter.
     if w.size < 2 or w.mean() <= 0.0:
         return float("nan")
     return float(100.0 * w.std(ddof=1) / w.mean())
@@ -56,6 +57,7 @@ def calc_cuc_percent(values: npt.ArrayLike) -> float:
     w = _select_finite(values)
     if w.size == 0 or w.mean() <= 0.0:
         return float("nan")
+    # The coefficient uses absolute deviations and reacts less to single readings than the CV.
     return float(100.0 * (1.0 - np.abs(w - w.mean()).sum() / w.sum()))
 
 
@@ -79,6 +81,7 @@ def subsample_readings(
     if not (source_hz > 0.0 and target_hz > 0.0):
         raise ValueError(f"frequencies {source_hz:g} and {target_hz:g} Hz: allowed is above 0")
     step = source_hz / target_hz
+    # Only whole multiples keep every k-th reading without interpolation.
     if step < 1.0 or abs(step - round(step)) > 1e-9:
         raise ValueError(
             f"target {target_hz:g} Hz: allowed is {source_hz:g} Hz over a whole number"
@@ -136,6 +139,7 @@ def choose_frequency(
             departure[hz] = sum(finite) / len(finite)
     if not departure:
         raise ValueError(f"no plot has statistics at {raw_hz:g} Hz and at a lower frequency")
+    # On a tie the lower frequency wins, because it needs less data.
     return FrequencyChoice(min(departure, key=lambda hz: (departure[hz], hz)), departure)
 
 

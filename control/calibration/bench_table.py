@@ -13,7 +13,9 @@ from topdress.control.recordings.values import blank_sentinels
 
 Array = npt.NDArray[np.float64]
 
+# The kinds are words of the command line and of the page.
 KINDS = ("lag", "catch", "weigh", "heads", "place")
+# A lag can be measured as a whole, in parts, or as a distance.
 LAG_COLUMNS = ("lag_s", "drop_s", "response_s", "lag_m")
 SPEED_COLUMNS = ("speed_mps", "speed_kmh")
 # One column of each group is sufficient.
@@ -24,6 +26,7 @@ REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "heads": (("head",), ("ndvi_reference",), ("ndvi",)),
     "place": (("shaft_rpm",), SPEED_COLUMNS, ("miss_m",)),
 }
+# Other columns are reported, because they may be misspelt.
 KNOWN_COLUMNS = frozenset(
     {
         "shaft_rpm",
@@ -49,6 +52,7 @@ KNOWN_COLUMNS = frozenset(
         "before_rpm",
     }
 )
+# The ranges exclude wrong units and sentinels, not unusual machines.
 COLUMN_RANGES: dict[str, tuple[float, float]] = {
     "shaft_rpm": (0.0, 1000.0),
     "lag_s": (-5.0, 60.0),
@@ -99,6 +103,7 @@ class BenchTable:
     def find_running_rows(self) -> npt.NDArray[np.bool_]:
         """Returns which rows (n,) had a shaft that turned before its change; where it is
         unknown, it stood."""
+        # A table without this column is one of starts.
         before = self.columns.get("before_rpm", np.zeros(self.rows))
         return np.asarray(np.nan_to_num(before) > 0.0)
 
@@ -118,6 +123,7 @@ def find_missing_columns(kind: str, names: Collection[str]) -> tuple[str, ...] |
     if (
         kind == "lag"
         and not any(name in names for name in LAG_COLUMNS[:3])
+        # A lag as a distance needs the ground speed to become a time.
         and not any(name in names for name in SPEED_COLUMNS)
     ):
         return SPEED_COLUMNS
@@ -127,6 +133,7 @@ def find_missing_columns(kind: str, names: Collection[str]) -> tuple[str, ...] |
 def recognise_kind(names: Collection[str]) -> str | None:
     """Returns the kind of a table with these columns; None where none or several fit."""
     fitting = [kind for kind in KINDS if find_missing_columns(kind, names) is None]
+    # Several kinds that fit leave the choice to the user.
     return fitting[0] if len(fitting) == 1 else None
 
 
@@ -145,6 +152,7 @@ def select_usable_rows(table: BenchTable) -> BenchTable:
         raise ValueError(
             f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it"
         )
+    # Sentinels such as -999 become empty before the ranges are checked.
     table = _blank_unreadable(table)
     measured = [name for name in LAG_COLUMNS if name in table.columns]
     needed = [
@@ -152,6 +160,7 @@ def select_usable_rows(table: BenchTable) -> BenchTable:
         for group in REQUIRED_COLUMNS[table.kind]
         for name in group
         if name in table.columns and name not in LAG_COLUMNS
+        # Of the lag columns one is enough, so they are checked separately.
     ]
     keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
     if table.kind == "lag":
@@ -163,12 +172,14 @@ def select_usable_rows(table: BenchTable) -> BenchTable:
         wrong = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
         if len(wrong):
             raise ValueError(
+                # Rows are counted from 1 below the header, as a spreadsheet user sees them.
                 f"{path}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
                 f"allowed {low:g} to {high:g}"
             )
     if not keep.any():
         raise ValueError(f"{path}: no row has all of {', '.join(needed)}")
     if keep.all():
+        # A table that is complete is returned unchanged.
         return table
     dropped = int((~keep).sum())
     return replace(

@@ -51,6 +51,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     if table.kind != "catch":
         raise ValueError(f"{table.path}: a {table.kind} table: a flow fit needs a catch table")
     rows = _select_catch_rows(table, machine)
+    # A row without flow has no relative error.
     keep = (rows.mass_per_rev > 0.0) & (rows.opening_mm > 0.0)
     rows = _CatchRows(*(values[keep] for values in rows))
     if len(rows.mass_per_rev) < 2:
@@ -65,6 +66,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     except ValueError as error:
         raise ValueError(f"{table.path}: {error}") from None
     notes += said
+    # The fitted mass is the measured mass minus the residual.
     percent = 100.0 * fit.residuals / (rows.mass_per_rev - fit.residuals)
     flow = FlowFit(
         fit.calc_interval(0),
@@ -94,9 +96,11 @@ def _select_catch_rows(table: BenchTable, machine: Machine) -> _CatchRows:
     grams = (
         1000.0
         * columns["mass_kg"]
+        # The floor avoids a division by zero; such rows are replaced below.
         / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
     )
     if "outlet" in columns:
+        # A catch at one outlet stands for all outlets.
         grams = grams * machine.geometry.outlets
     return _CatchRows(
         np.where(columns["shaft_rpm"] > 0.0, grams, 0.0),
@@ -112,9 +116,12 @@ def _fit_coefficients(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
 
     Coefficients: grams per revolution and mm, then those of the terms, the fall-off as a share
     at full_rpm."""
+    # The fill of the cells falls with the cube of the shaft speed, as in the machine model.
     fast = rows.share**3
+    # The median of the quotients is a start that single bad catches do not move.
     slope, offset, falloff = float(np.median(rows.mass_per_rev / rows.opening_mm)), 0.0, 0.0
     fit = None
+    # Twenty steps are an upper bound; the fit usually needs few.
     for _ in range(20):
         full = slope * rows.opening_mm + offset
         fills = 1.0 - falloff * fast
@@ -124,12 +131,16 @@ def _fit_coefficients(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
             [[slope], [{"zero_offset": offset, "fill_falloff": falloff}[name] for name in terms]]
         )
         fit = fit_linear(
-            design, rows.mass_per_rev - full * fills + design @ now, np.maximum(full * fills, 1e-6)
+            # Dividing by the fitted mass makes the noise a share of the mass.
+            design,
+            rows.mass_per_rev - full * fills + design @ now,
+            np.maximum(full * fills, 1e-6),
         )
         found = dict(zip(terms, fit.coefficients[1:].tolist(), strict=True))
         moved = float(np.max(np.abs(fit.coefficients - now) / np.maximum(np.abs(now), 1e-3)))
         slope = float(fit.coefficients[0])
         offset, falloff = found.get("zero_offset", 0.0), found.get("fill_falloff", 0.0)
+        # The change is far below the last printed digit.
         if moved < 1e-9:
             break
     assert fit is not None
@@ -143,16 +154,19 @@ def _choose_terms(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[st
     if len(np.unique(rows.opening_mm)) > 1:
         terms += ("zero_offset",)
     else:
+        # At one opening both parameters describe the same line.
         notes.append("one opening only: a zero offset cannot be distinguished from the flow per mm")
     if len(np.unique(rows.shaft_rpm)) > 1:
         terms += ("fill_falloff",)
     else:
         notes.append("one shaft speed only: a fall-off cannot be shown")
+    # Each parameter needs a row, and one more row to test it.
     while len(terms) and len(rows.mass_per_rev) <= len(terms) + 1:
         notes.append(f"too few rows for the {terms[-1].replace('_', ' ')}")
         terms = terms[:-1]
     fit = _fit_coefficients(rows, terms)
     while terms:
+        # The least significant term is removed first, and the others are tested again.
         worst = int(np.argmax(fit.p_values[1:]))
         if fit.p_values[1 + worst] < SIGNIFICANCE:
             break
@@ -203,10 +217,12 @@ def _calibrate_machine(machine: Machine, flow: FlowFit, table: BenchTable, date:
         )
     stage = machine.flow._replace(
         grams_per_rev_mm=flow.grams_per_rev_mm.value,
+        # The new grams per turn contain the old gain.
         gain_percent=0.0,
         zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,
         fill_falloff_percent=flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0,
     )
+    # The model is validated again, because a fit can leave the allowed range.
     checked = Machine.model_validate({**dict(machine), "flow": stage})
     return checked.model_copy(
         update={

@@ -15,6 +15,7 @@ from .adopt import make_record, make_title, merge_records
 from .bench_table import Array, BenchTable, select_usable_rows
 from .least_squares import FittedInterval, fit_linear
 
+# Rounded speeds at the ends of the range must still count as inside, r/min.
 _RANGE_TOLERANCE_RPM = 1e-6
 # Greatest start_more_per_rpm that the machine file allows.
 MAX_START_MORE = 0.1
@@ -84,6 +85,7 @@ def fit_lag(
     Raises
     ------
     ValueError : in one line, where the table cannot give a line."""
+    # Rows with missing numbers would make the whole fit invalid.
     table = select_usable_rows(table)
     if table.kind != "lag":
         raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
@@ -93,6 +95,7 @@ def fit_lag(
     low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
     high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
     chosen &= np.isfinite(lags)
+    # A running shaft has a shorter drop time, so its rows would bend the line of starts.
     running = int(np.sum(chosen & table.find_running_rows()))
     chosen &= ~table.find_running_rows()
     used = chosen & (speeds >= low - _RANGE_TOLERANCE_RPM) & (speeds <= high + _RANGE_TOLERANCE_RPM)
@@ -103,6 +106,7 @@ def fit_lag(
             f"the machine's line holds from {machine.fall.valid_from_rpm:g} to "
             f"{machine.fall.valid_to_rpm:g} r/min"
         )
+    # Two speeds determine a line and leave nothing to test it.
     if len(np.unique(speeds[used])) < 3:
         raise ValueError(
             f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different "
@@ -111,7 +115,9 @@ def fit_lag(
         )
     n, y = speeds[used], lags[used]
     fit = fit_linear(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
+    # Only a whole lag contains the response; a drop time begins after it.
     response = float(np.mean([calc_response_s(machine, rpm) for rpm in n])) if whole else 0.0
+    # The line holds between the speeds that were measured, not those that were requested.
     first, last = float(n.min()), float(n.max())
     line = LagFit(
         measured,
@@ -148,6 +154,7 @@ def _find_label_rows(table: BenchTable, label: str | None) -> np.ndarray:
         return np.ones(table.rows, bool)
     values = sorted(set(table.label.tolist()))
     if label is None:
+        # Different methods of measuring give different lags, so the user must choose.
         raise ValueError(
             f"{table.path}: column {table.label_column}: say which rows to fit: {', '.join(values)}"
         )
@@ -161,11 +168,13 @@ def _find_label_rows(table: BenchTable, label: str | None) -> np.ndarray:
 
 def _find_measured_lags(table: BenchTable) -> tuple[str, bool, Array]:
     """Returns the fitted column, whether it contains the response too, and lags in s."""
+    # The order prefers the most direct column.
     for name in ("lag_s", "drop_s"):
         if name in table.columns:
             return name, name == "lag_s", table.columns[name]
     speed = table.find_speed_mps()
     if "lag_m" in table.columns and speed is not None:
+        # A distance becomes a time by the ground speed of its row.
         return "lag_m", True, table.columns["lag_m"] / speed
     raise ValueError(
         f"{table.path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s "
@@ -178,6 +187,7 @@ def _compare_rows_beyond(
 ) -> tuple[str, ...]:
     notes = []
     for rpm in np.unique(speeds[rest]):
+        # Rows beyond the range are reported, so that the user sees whether the line continues.
         off = float(np.mean(lags[rest & (speeds == rpm)]) - line[0] - line[1] * rpm)
         notes.append(
             f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} "
@@ -191,11 +201,13 @@ def _compare_rows_beyond(
 def _calibrate_machine(
     machine: Machine, line: LagFit, response: float, table: BenchTable, date: str
 ) -> Machine:
+    # The machine file has the drop time alone, because the response is a property of the drive.
     drop = FittedInterval(*(value - response for value in line.intercept_s))
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
     fall = machine.fall._replace(
         intercept_s=drop.value,
         slope_s_per_rpm=line.slope_s_per_rpm.value,
+        # Earlier corrections of the line are contained in the new one and return to zero.
         offset_s=0.0,
         valid_from_rpm=line.from_rpm,
         valid_to_rpm=line.to_rpm,
@@ -211,6 +223,7 @@ def _calibrate_machine(
             "fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid
         ),
     )
+    # The model is validated again, because a fit can leave the allowed range.
     checked = Machine.model_validate({**dict(machine), "fall": fall})
     return checked.model_copy(
         update={
@@ -229,6 +242,7 @@ def fit_start_more_per_rpm(machine: Machine, fall: Fall) -> float:
     if max(falls) <= 0.0:
         return fall.start_more_per_rpm
     most = min(
+        # 0.9 keeps the drop time of the running shaft above zero.
         0.9 * find_start_drop_s(fall, n) / more
         for n, more in zip(speeds, falls, strict=True)
         if more > 0.0

@@ -71,6 +71,7 @@ def fit_wheel(
     ------
     ValueError : in one line, where the log cannot give a circumference."""
     stretches = _cut_stretches(log, data)
+    # The third column marks work; both groups are compared for the slip.
     idle, loaded = stretches[stretches[:, 2] == 0.0], stretches[stretches[:, 2] > 0.0]
     at_work = not _is_way_enough(idle)
     used = loaded if at_work else idle
@@ -88,6 +89,7 @@ def fit_wheel(
             "the log has too little way without flow: the wheel's slip under load is in the "
             "circumference"
         )
+    # The worst fix counts, because one drifting stretch can shift the mean.
     worst = int(np.nanmin(log.fix_quality)) if np.isfinite(log.fix_quality).any() else 0
     if worst != NEEDED_QUALITY:
         notes.append(
@@ -96,10 +98,12 @@ def fit_wheel(
     slip = None
     if not at_work and _is_way_enough(loaded):
         work = _calc_way_ratio(loaded)
+        # Independent errors of both ratios add in squares.
         half = 100.0 * np.hypot(work.high - work.value, share.high - share.value)
         percent = 100.0 * (share.value / work.value - 1.0)
         slip = FittedInterval(percent, percent - float(half), percent + float(half))
     fit = WheelFit(circumference, float(used[:, 0].sum()), len(used), at_work, slip, tuple(notes))
+    # The new circumference contains the old correction of the radius.
     speed = machine.speed._replace(wheel_circumference_m=circumference.value, radius_percent=0.0)
     checked = Machine.model_validate({**dict(machine), "speed": speed})
     found = make_record("speed.wheel_circumference_m", circumference, "m", data, date, {})
@@ -120,6 +124,7 @@ def _calc_way_ratio(stretches: Array) -> FittedInterval:
     stretches."""
     gnss, wheel = stretches[:, 0], stretches[:, 1]
     ratio = float(gnss.sum() / wheel.sum())
+    # Deviations of single stretches from the mean ratio give the interval.
     off = (gnss - ratio * wheel) / wheel.mean()
     half = float(stdtrit(len(off) - 1, 0.95) * off.std(ddof=1) / np.sqrt(len(off)))
     return FittedInterval(ratio, ratio - half, ratio + half)
@@ -129,6 +134,7 @@ def _cut_stretches(log: WheelLog, data: str) -> Array:
     """Returns (k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and
     wholly in or out of work."""
     known = np.isfinite(log.lat_deg) & np.isfinite(log.lon_deg)
+    # A receiver repeats its last position between epochs; repeated rows are no new fixes.
     moved = known & np.concatenate(
         ([True], (np.diff(log.lat_deg) != 0.0) | (np.diff(log.lon_deg) != 0.0))
     )
@@ -141,7 +147,9 @@ def _cut_stretches(log: WheelLog, data: str) -> Array:
     places = plane.project_many_to_m(log.lat_deg[rows], log.lon_deg[rows])
     speed = np.where(np.isfinite(log.wheel_speed_mps), log.wheel_speed_mps, 0.0)
     steps = np.diff(log.time_s, append=log.time_s[-1:])
+    # The wheel's way is the speed integrated by the trapezoidal rule.
     way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[:-1] + speed[1:]) * steps[:-1])))
+    # Cumulated counts tell in one subtraction whether a bad row lies inside a stretch.
     bad = (speed < MIN_SPEED_MPS).astype(np.int64).cumsum()
     loaded = log.flowing.astype(np.int64)
     changes = np.concatenate(([0], np.cumsum(np.abs(np.diff(loaded)))))

@@ -36,6 +36,7 @@ def list_manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
     twenty = np.arange(0.0, 1200.0, LOG_STEP_S)
     rpm, opening = machine.set_points.shaft_rpm, machine.set_points.opening_mm
     speeds, widths = list_shaft_levels(machine), list_opening_levels(machine)
+    # A minute on each level is long against every time constant of the drives.
     level = (np.floor(ten / 60.0) % 4).astype(int)
     stairs, openings = np.array(speeds)[level], np.array(widths)[level]
     halves = np.where(np.floor(ten / 60.0) % 2 < 1, 1.0, 0.0)
@@ -69,7 +70,11 @@ def list_manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
             10.0,
             _list_holds("km/h", (3, 6, 3, 6, 3), 120),
             _make_log_reader(
-                ten, rpm, opening, speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67)
+                # 0.83 and 1.67 m/s are 3 and 6 km/h.
+                ten,
+                rpm,
+                opening,
+                speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67),
             ),
         ),
         Experiment(
@@ -135,7 +140,9 @@ def _predict_log(
     n = np.ones(len(time))
     turns, wide, kg_rev_mm = rpm * n, opening * n, machine.flow.grams_per_rev_mm / 1000.0
     events = np.full(len(time), "", object)
+    # The refill stands in the row after the mass rises.
     events[np.flatnonzero(np.diff(refill * n) > 0.0) + 1] = f"refill {np.max(refill * n):g}"
+    # The hopper loses what the shaft delivered until the row began.
     used = np.concatenate(([0.0], np.cumsum(kg_rev_mm * turns * wide / 60.0)[:-1])) * LOG_STEP_S
     return {
         "time_s": time,

@@ -44,6 +44,7 @@ CELL_M = 0.2
 # Validity of a rate that another controller reports as applied, s: the same as for a target from
 # such a display.
 APPLIED_VALID_S = OUTSIDE_RATE_VALID.control_s
+# Doses have no rate, so the profile of point mode is constant.
 DOSE_PROFILE = ConstantProfile(Target(0.0, TargetSource.POINT))
 
 
@@ -71,8 +72,10 @@ class WayAhead:
         self.fence = fence
         self.map = prescription
         rate = job.field.headland_rate_kg_ha
+        # Without a rate of its own the headland is treated as the rest of the field.
         self._headland = None if rate is None else headland
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
+        # At least six cells across a narrow machine resolve its sections.
         cell_m = min(CELL_M, width_m / 6.0)
         self.overlap = DoneGroundAhead(
             Coverage(
@@ -105,6 +108,7 @@ class WayAhead:
         # Distance without a known position on which material landed, m, and whether that ground is
         # done; set in the tick in which the position is known again.
         self.unplaced: tuple[float, bool] | None = None
+        # Ground of another job is done and does not count as this job's work.
         if done is not None:
             self.overlap.add_earlier_ground(done.raster, ours=False)
         self._fallback = ConstantProfile(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
@@ -136,6 +140,7 @@ class WayAhead:
         for fence in (self.fence, self._headland):
             if fence is None:
                 continue
+            # Without a position the edge ahead is unknown and must not be reused.
             if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
                 fence.forget_place()
             else:
@@ -148,10 +153,12 @@ class WayAhead:
     ) -> None:
         """Records material that lands here, and searches for done ground ahead."""
         place = None
+        # Only a measured position may mark ground as done.
         if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
         rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
         said = m.rate_applied
+        # A recorder has no shaft reading; the reported rate shows that material flows.
         turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm or (
             said is not None
             and said.value > 0.0
@@ -166,9 +173,11 @@ class WayAhead:
             place,
             sensed.heading_deg,
             released,
+            # Material lands after its drop time, at the position that the machine then has.
             calc_drop_s(self._machine.fall, rpm) if turns else 0.0,
             sensed.track_m,
         )
+        # With sections each strip of ground is examined by itself.
         if no_double and not self.sections.strips:
             self.overlap.look_ahead(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
@@ -183,6 +192,7 @@ class WayAhead:
         ):
             self.map.forget_place()
             return
+        # A speed of at least 0.3 m/s keeps the curvature finite at standstill.
         turn_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
         self.map.look_ahead(
             sensed.track_m,
@@ -203,6 +213,7 @@ class WayAhead:
         """
         wanted = self._choose_profile(choices.source, choices.manual_rate_kg_ha)
         by_section = self._is_switched_by_section(choices)
+        # A headland without a rate is switched by sections like an edge.
         if self._headland is not None and not (
             by_section and self._headland_target.rate_kg_ha <= 0.0
         ):
@@ -211,6 +222,7 @@ class WayAhead:
             wanted = BoundedProfile(wanted, self.overlap, Target(0.0, choices.source))
         if spread_to_m > -inf:
             wanted = UnspreadProfile(wanted, spread_to_m, choices.source)
+        # The edge is applied last, so that no source spreads outside the field.
         return (
             wanted
             if self.fence is None or may_outside or by_section
@@ -247,6 +259,7 @@ class WayAhead:
             return ConstantProfile(Target(manual_rate_kg_ha, TargetSource.MANUAL))
         if source is TargetSource.EXTERNAL:
             return self.outside_target.profile
+        # A source without its data gives the fallback rate.
         return self._fallback
 
     def list_source_rates(
@@ -280,6 +293,7 @@ class WayAhead:
             return None
         if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return False
+        # With sections, one section inside is enough to continue.
         if self._is_switched_by_section(choices) and not may_outside:
             return self.sections.is_any_inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
@@ -287,11 +301,14 @@ class WayAhead:
         ahead_m = moment.ahead.predict_way_m(stop().total_s)
         if not sensed.backwards:
             return self.fence.is_inside(sensed.track_m + ahead_m)
+        # While reversing, the edge is checked at the place behind the machine.
         angle = radians(sensed.heading_deg)
         return self.fence.edge.contains_place(
             sensed.east_m, sensed.north_m
         ) and self.fence.edge.contains_place(
-            sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)
+            # Heading is clockwise from north: sine is east, cosine is north.
+            sensed.east_m - ahead_m * sin(angle),
+            sensed.north_m - ahead_m * cos(angle),
         )
 
     def is_done(self, place_m: float) -> bool:

@@ -39,6 +39,7 @@ class DosePlanner:
     def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
         """Adds the plants ahead, except in turns and while reversing."""
         place = None
+        # In a turn a straight line ahead would meet plants of other rows.
         straight = abs(sensed.turn_deg_s) <= STRAIGHT_BELOW_DEG_S and not sensed.backwards
         if (
             straight
@@ -80,6 +81,7 @@ class DosePlanner:
         fence = self._ahead.fence
         if fence is None or may_outside:
             return DOSE_PROFILE.target
+        # A dose lands at the reach, so this place and not the outlet must be inside.
         inside = fence.is_inside(sensed.track_m + self.points.find_reach_m(sensed.speed_mps or 0.0))
         return DOSE_PROFILE.target if inside else OUTSIDE_TARGET
 
@@ -88,6 +90,7 @@ class DosePlanner:
     ) -> tuple[DoseOrder | None, list[str]]:
         """Returns the dose for this tick, and doses and missed plants as events of the row."""
         sensed = moment.sensed
+        # A plant of an earlier part of the job keeps its dose.
         at_work = verdict.state is State.WORKING and not self.is_dosed_earlier(
             sensed, choices.no_double
         )
@@ -103,10 +106,13 @@ class DosePlanner:
         if due.dose is None:
             return None, events
         more = due.dose._replace(
+            # The operator's correction turns the shaft further; the rate follows the angle.
             angle_deg=round(due.dose.angle_deg * (1.0 + choices.nudge_percent / 100.0), 3)
         )
+        # Safety has the last word on a dose as on a rate.
         dose = limit_dose(more, self._limits, verdict.flow_allowed)
         if dose is not None:
+            # The distance is recorded when the dose is ordered, since the machine moves on.
             self.ahead_m = self.points.given[-1].plant_m - sensed.track_m
             events.append(f"dose {dose.angle_deg:g}")
         return dose, events
@@ -130,10 +136,12 @@ class DosePlanner:
         """Returns the rate of the doses at the mean spacing of the last ones, kg/ha; 0 before
         the second."""
         spacing_m = self.points.spacing_m
+        # Without two doses no spacing is known.
         if not spacing_m:
             return 0.0
         angle_deg, shaft_rpm = self.points.dose
         flow = calc_flow_kg_s(self._machine, shaft_rpm, self._machine.set_points.opening_mm, c)
+        # 6 n degrees per second is the angular speed of a shaft at n r/min.
         dose_kg = flow * angle_deg / (6.0 * shaft_rpm)
         return dose_kg * 10_000.0 / (spacing_m * self._machine.geometry.working_width_m)
 
@@ -142,6 +150,7 @@ class DosePlanner:
         return totals._replace(doses=self.points.doses, doses_missed=self.points.missed)
 
 
+# The neutral object saves a condition at each use in the loop.
 class NoDosePlanner:
     """Replaces `DosePlanner` in a job without plants: no dose is ever due."""
 

@@ -27,6 +27,7 @@ class KnownTerms:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
+        # Terms that control cannot compensate stay out, so that they cost no time.
         self._terms = TermSums(term for term in machine.terms if not explain_not_compensated(term))
         self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._ran_away_kg = 0.0
@@ -42,11 +43,13 @@ class KnownTerms:
     ) -> None:
         """Advances the terms. `command`: in force until now; `since_s`: time since the run
         began, s."""
+        # Most machine files have no term.
         if not self._terms:
             return
         values = {
             name: reading.value
             for name in _SENSED_VARIABLES
+            # A sum over a missing reading would count it as zero.
             if (reading := getattr(m, name)) is not None
         }
         values |= {
@@ -58,11 +61,13 @@ class KnownTerms:
             )
             if value is not None
         }
+        # The drives follow commands with a lag, so a term sees the mean command of the tick.
         if command is not None and dt_s > 0.0:
             values |= self._commands.average_commands(
                 m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s
             )
         more = self._terms.advance_terms(values, dt_s)
+        # A drift of the scale adds up, whereas other errors of the scale do not.
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
         self.now = self._terms.freeze_terms(values)
 

@@ -85,7 +85,9 @@ MAX_STANDING_TICKS = 10
 # Time after START for which a crop outside its growth window is reported, s.
 GROWTH_REPORT_S = 15.0
 # Reasons for a rule's rate of 0.
+# A rate of 0 by fault, e.g. without a reading, has reasons of its own and is not in this list.
 CANOPY_ZERO_REASONS = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
+# The mean of a job counts ground of these sources, since the fallback replaces the canopy there.
 SOURCES_OF_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 ZERO_RATE_SOURCES = (
     TargetSource.MAP,
@@ -94,6 +96,7 @@ ZERO_RATE_SOURCES = (
     TargetSource.EXTERNAL,
 )
 # Minimum speed for a rate calculated from flow over speed, m/s.
+# Below this speed the quotient of flow and speed grows without bound.
 MIN_RATE_SPEED_MPS = 0.3
 
 
@@ -137,23 +140,29 @@ class ControlLoop:
         self.crop = crop
         self.job = job
         limits = machine.limits
+        # The limits of the last check before the drives are the machine's own, whatever the job
+        # requests.
         self._drive_limits = DriveLimits(
             limits.shaft_low_rpm,
             limits.shaft_high_rpm,
             limits.opening_low_mm,
             limits.opening_high_mm,
         )
+        # Limits that depend on the machine are derived here unless a test gives its own.
         allowed = safety_limits or make_standing_limits(
             machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg)
         )
         self.safety = Safety(allowed, has_work_switch)
         self._stopped, self._record_only = (
+            # A controller that only records has no drives that obey, so flow after a stop is not
+            # its fault.
             UnintendedFlow(machine, allowed, obeyed and not record_only),
             record_only,
         )
         self._effort = EffortWatch(machine)
         self._sensing = Sensing(
             machine.geometry.antenna_m,
+            # All positions need a single plane: map, field and plants must agree to the centimetre.
             _choose_plane(job, prescription, points, index_map or zone_map, done),
             SensingLimits(reckoned_m=_find_reckoning_limit_m(machine, prescription, points)),
         )
@@ -170,11 +179,13 @@ class ControlLoop:
             done=done,
             steps=steps,
         )
+        # An object without doses replaces conditions at each place where point mode would differ.
         self._doses: DosePlanner | NoDosePlanner = (
             NoDosePlanner()
             if points is None
             else DosePlanner(machine, points, self._ahead, self._drive_limits)
         )
+        # While reversing, ground that already has material passes the outlets again.
         self._backing = ReversingWatch(machine)
         self._near = MapLocation(
             None if prescription is None else prescription.prescription, job.field.boundary_m
@@ -205,6 +216,7 @@ class ControlLoop:
             flow_trim=self._flow_trim,
             points=points,
             has_map=prescription is not None,
+            # The loop begins work only after safety has accepted START.
             started=self._begin_work,
             strip_measured=self._ahead.heads.decisions.replace_strip,
             sections=len(machine.switched_strips),
@@ -240,6 +252,7 @@ class ControlLoop:
     def totals(self) -> Totals:
         """Returns area, product, nitrogen and uniformity so far. The call takes some 50 us, too
         long for every tick."""
+        # Area and overlap come from the coverage raster, which also knows ground of earlier parts.
         covered = self._ahead.overlap.covered_area
         totals = self._totals.make_totals()._replace(
             covered_ha=covered.area_ha,
@@ -284,14 +297,18 @@ class ControlLoop:
         self._totals = Totaliser(
             self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums
         )
+        # The mean over the field includes the earlier parts, so the rest compensates their
+        # deviation.
         if self._ahead.hold is not None and sums.area_ha > 0.0:
             self._ahead.hold.resume_job(
                 sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
                 sums.kg / sums.area_ha,
             )
+        # The earlier ground lies on its own plane, which must remain that of the resumed job.
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.add_earlier_ground(done)
+        # After a resumption the other display's last rate is old, so silence gives no flow.
         self._ahead.outside_target.forbid_flow_in_silence()
         if after_cut_kg > 0.0:
             self._events.add_events(f"released_after_cut {after_cut_kg:.3f}")
@@ -299,6 +316,7 @@ class ControlLoop:
     def add_foreign_ground(self, done: Raster) -> None:
         """Adds ground, on this loop's plane, that another job has spread. The ground does not
         count in the totals and gets no more material."""
+        # Foreign ground counts as done and not as work of this job.
         self._ahead.overlap.add_earlier_ground(done, ours=False)
 
     def find_target(self, track_m: float) -> Target:
@@ -316,9 +334,11 @@ class ControlLoop:
         """Executes or refuses an order; `Answer.why` gives the reason. by: person who ordered,
         appended to the order's event."""
         # A mark is only a text in the log, so it can wait.
+        # A full queue must keep room for events that have an effect.
         if order.do is Do.MARK and self._events.is_full:
             return Answer(False, "busy")
         answer, event = self._operator.handle_order(order, self._time_s or 0.0)
+        # A new source may be a map, whose distance must be checked again from here.
         if answer.accepted and order.do is Do.SOURCE:
             self._near.record_start()
         if event:
@@ -331,6 +351,7 @@ class ControlLoop:
         if self._growth is not None and self._growth.is_outside:
             self._events.add_events(f"growth_stage_outside {self._growth.event_text}")
             self._growth_reported_s = self._time_s or 0.0
+        # The landing positions of earlier work have no meaning after a pause.
         self._backing.forget_landings()
         self._flow_trim.begin_work()
         self._near.record_start()
@@ -342,6 +363,7 @@ class ControlLoop:
     def _find_start_refusal(self) -> str:
         """Returns the reason why START is refused, apart from reasons of safety; "" for no
         refusal."""
+        # The operator may have confirmed that the map lies elsewhere.
         if self.safety.memory.allow.map_elsewhere or self._ahead.map is None:
             return ""
         away_m = self._near.find_distance_m(self._operator.choices.source, self._sensed)
@@ -361,11 +383,14 @@ class ControlLoop:
     ) -> Tick:
         """Runs one tick. console_age_s: time since the operating console was heard; None where
         no console is required. log_ok: whether rows reach the disk."""
+        # The order matters: position first, then the decision, the flow, safety, and last the
+        # command.
         moment = self._sense_and_look(m)
         decision = self._decide_pair(moment)
         metered = self._measure_flow(moment, decision)
         choices = self._operator.choices
         between = decision.by_point and self._doses.may_turn(moment.m.time_s)
+        # Safety sees the decision before the drives do and can forbid any flow.
         verdict = self.safety.check_tick(
             moment.m.time_s,
             make_situation(
@@ -391,14 +416,17 @@ class ControlLoop:
 
     def _sense_and_look(self, m: Measurements) -> Moment:
         """Determines position and speed of the machine, and the ground ahead."""
+        # Impossible readings are removed first, so that no later step must consider them.
         m, dt_s = self._check_clock(drop_impossible(m))
         sensed = self._sensing.sense_motion(m)
         self._sensed = sensed
         self._near.check_location(self.safety.state, self._operator.choices.source, sensed)
         self._note_jump(m, sensed)
+        # Changes that already went to the drives cannot be moved any more.
         self._ahead.look_ahead(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
         self._note_unplaced()
         self._doses.look_for_plants(m, sensed)
+        # The terms are advanced with the command of the tick before, which was in force until now.
         self._terms.advance_terms(m, sensed, m.time_s - self._started_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
         ahead = self._forecaster.forecast_speed(
@@ -406,6 +434,7 @@ class ControlLoop:
             mps,
             sensed.quick.acceleration_mps2,
             dt_s,
+            # The tractor's own announcement takes precedence over the job's speed plan.
             m.speed_told or self._find_planned_speed(m.time_s, sensed),
         )
         return Moment(m, sensed, self._find_conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
@@ -420,16 +449,21 @@ class ControlLoop:
             0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
         )
         if self._standing > MAX_STANDING_TICKS:
+            # Work switch and drive fault remain, because they only ever stop the flow.
             m = Measurements(m.time_s, work_switch=m.work_switch, drive_fault=m.drive_fault)
         if self._time_s is None:
+            # A first time that is no number would make every later difference invalid.
             m = m if isfinite(m.time_s) else m._replace(time_s=0.0)
             self._time_s = self._started_s = m.time_s
             read = self._find_true_opening(m)
+            # The gate may stand anywhere at the start, so its reading is the first expected
+            # opening.
             self._expected.start_at(
                 self.machine.set_points.opening_mm if read is None else read.value, m.time_s
             )
         elif not self._time_s <= m.time_s < inf:
             m = m._replace(time_s=self._time_s)
+        # A pause of the computer must not integrate a long step.
         dt_s = min(MAX_TICK_S, m.time_s - self._time_s)
         self._time_s = m.time_s
         return m, dt_s
@@ -437,11 +471,13 @@ class ControlLoop:
     def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
         """Reports refused epochs as events, and clears the view ahead after a jump of the
         position."""
+        # An epoch stays in the measurements for several ticks and is reported once.
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
             self._events.add_events(f"position_refused {sensed.refused_m:.0f}")
         if sensed.moved_m is not None:
             self._events.add_events(f"position_moved {sensed.moved_m:.0f}")
+            # Everything that lies ahead was found from the old position.
             self._ahead.forget_view()
             self._queue.restart_queue(Target(0.0, self._operator.choices.source), sensed.track_m)
 
@@ -457,6 +493,7 @@ class ControlLoop:
         """Decides the target of the material released now, and the set-points for it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
+        # Everything that a lag depends on in this tick is collected once for all changes.
         reach = TickReach(
             self._setting,
             self._lags,
@@ -469,6 +506,7 @@ class ControlLoop:
             self._queue.restart_queue(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.make_profile(choices, allow.outside, self._backing.spread_to_m)
         fired = (
+            # While reversing the track runs backwards, and no change ahead can be due.
             ()
             if sensed.backwards
             else tuple(self._queue.fire_changes(profile, now, sensed.track_m, reach))
@@ -483,6 +521,7 @@ class ControlLoop:
         share = self._switch_sections(moment, holding, reach, by_point)
         wanted = holding if by_point else self._find_section_target(holding, now, share)
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
+        # The crop's limit holds after the operator's correction too.
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.find_small_change_lag(
             self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha
@@ -495,6 +534,7 @@ class ControlLoop:
             else NO_ERROR
         )
         pair = self._setting.plan_pair(
+            # The speed is the one that holds when the set-point shows in the flow.
             share * rate,
             moment.ahead.predict_speed_mps,
             now,
@@ -503,6 +543,7 @@ class ControlLoop:
             moment.conditions,
             left,
         )
+        # The lag of a stop is computed only where a stop is considered.
         inside = self._ahead.is_landing_inside(
             moment, wanted, lambda: _find_stop_lag(reach, holding, sensed), choices, allow.outside
         )
@@ -522,8 +563,10 @@ class ControlLoop:
     def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
         """Returns the rate that the machine spreads where its range does not include the wanted
         rate; None within the range."""
+        # A dose has an angle and no rate.
         if decision.by_point:
             return None
+        # With closed sections the same flow lies on less width.
         width_m = decision.open_share * self.machine.geometry.working_width_m
         return find_breach(
             self.machine,
@@ -543,6 +586,7 @@ class ControlLoop:
         if not sections.strips:
             return 1.0
         now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
+        # A rate of 0 cannot start flow; the fallback rate stands for the rate to come.
         rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)
         start = reach.find_lag(
             Target(0.0, holding.source), TargetChange(moment.sensed.track_m, rate)
@@ -561,6 +605,7 @@ class ControlLoop:
             choices.sections_off,
             by_point,
         )
+        # Half of the lowest speed separates a standing shaft from a slow one despite noise.
         standing = self._expected.pair.shaft_rpm < 0.5 * self.machine.limits.shaft_low_rpm
         answers_s = sections.find_metering_s(
             self._setting.is_shaft_metering, standing, self._expected.pair.opening_mm
@@ -589,22 +634,26 @@ class ControlLoop:
         """Returns the material that leaves the outlets now."""
         m, c = moment.m, moment.conditions
         opening, flow = self._find_true_opening(m), None
+        # Without both readings the flow is unknown, which differs from zero.
         if m.shaft_rpm is not None and opening is not None:
             flow = calc_flow_kg_s(
                 self.machine,
                 max(0.0, m.shaft_rpm.value),
                 max(0.0, opening.value),
+                # The trim is left out here: it is applied where the row and the totals use it.
                 c._replace(flow_trim=1.0),
             )
         should = (
             calc_flow_kg_s(
                 self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c
             )
+            # The commanded pair contains the compensation; the flow that it should give does not.
             / self._setting.compensation_factor
         )
         rate = self._doses.calc_rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
         self._metres_left_m = self._calc_metres_left(m.hopper_kg, rate)
         said = m.rate_applied
+        # A recorder uses the rate of the other controller while this rate is fresh.
         if (
             self._record_only
             and said is not None
@@ -629,13 +678,16 @@ class ControlLoop:
     ) -> DriveCommand:
         """Returns the command of the drives after the last safety check."""
         if verdict.state is State.CALIBRATING:
+            # A bench run follows the operator's set-points without plan or trims.
             asked = self._make_bench_command()
         elif decision.by_point:
             asked = self._setting.make_manual_command(0.0, self.machine.set_points.opening_mm)
+        # In point mode the shaft stands between doses, and only the gate is set.
         else:
             asked = self._setting.make_command(
                 decision.pair, moment.conditions, self._drive_trim, self._command
             )
+        # This is the last function that changes the command before the drives.
         command = limit_command(
             asked,
             self._drive_limits,
@@ -660,6 +712,7 @@ class ControlLoop:
         )
         if not sections.strips:
             return ()
+        # A shaft that still turns must not press material against closed valves.
         turns = (
             max(command.shaft_rpm, self._expected.pair.shaft_rpm)
             >= 0.5 * self.machine.limits.shaft_low_rpm
@@ -670,6 +723,7 @@ class ControlLoop:
             wanted = (True,) * len(wanted)
         valves = limit_valves(wanted, verdict.flow_allowed)
         sections.record_commands(now, valves)
+        # Only commands that went out count for the later open share.
         return valves
 
     def _update_followers(
@@ -684,6 +738,7 @@ class ControlLoop:
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
         if self._ahead.hold is not None:
+            # The mean is held only while the canopy decides, and learns only during work.
             self._ahead.hold.is_active = self._operator.choices.source is TargetSource.CANOPY
             self._ahead.hold.is_learning = verdict.state is State.WORKING
         # With a stopped shaft the gate stays and no trim is updated.
@@ -697,7 +752,9 @@ class ControlLoop:
                 expected.opening_mm,
                 self._find_true_opening(m),
             )
+        # A bench catch is weighed outside of the hopper and must not train the flow trim.
         self._update_scale(moment, metered, calibrating and command.shaft_rpm > 0.0)
+        # A forbidden flow stops the shaft and leaves the gate where it is.
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
         self._effort.update_watch(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
@@ -713,6 +770,7 @@ class ControlLoop:
             self._terms.drive_errors,
         )
         self._update_totals(moment, decision, metered, verdict, command)
+        # The shaft's reading is used because material falls while the shaft really turns.
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 
@@ -720,12 +778,14 @@ class ControlLoop:
         """Compares the scale with the flow by the shaft's reading. catching: whether caught
         material may be returned to the hopper."""
         m, now = moment.m, moment.m.time_s
+        # The date of work is known only from GNSS: the computer's clock may be wrong.
         if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
             self._flow_trim.set_catch_test_age(
                 (date.fromisoformat(m.gnss.utc[:10]) - self._catch_test).days
             )
             self._catch_test = None
         rpm = self._stopped.find_turning_rpm(m)
+        # Caught material may return to the hopper, which would look like a refill.
         if catching:
             self._flow_trim.restart_level()
         else:
@@ -753,6 +813,7 @@ class ControlLoop:
         runs_out = (
             m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
         )
+        # Mass during run-out lies on worked ground even after a stop command.
         worked = self._record_only or (
             verdict.state is State.WORKING
             and applied is not None
@@ -766,6 +827,7 @@ class ControlLoop:
                 None if decision.by_point else decision.planned_kg_ha,
                 metered.open_share,
             ):
+                # The mean counts only ground that the totals accepted.
                 self._update_mean(moment, decision, applied * metered.trim)
         else:
             self._totals.stop_work()
@@ -788,6 +850,7 @@ class ControlLoop:
             or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))
         ):
             return
+        # The operator's correction is removed, so that the mean refers to the rule's own rates.
         hold.record_landed(
             given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
             moment.speed_mps * moment.dt_s,
@@ -805,6 +868,7 @@ class ControlLoop:
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
         ndvi = read_head_ndvi(moment.m)
         events = self._events.take_row_events()
+        # The threshold exists in jobs with plants only.
         threshold = self.threshold if decision.by_point else None
         row = make_log_row(
             self._started_s,
@@ -836,6 +900,7 @@ class ControlLoop:
             dropped_heads=heads.dropped_heads,
             head_ndvi=ndvi,
             metres_left_m=metered.metres_left_m,
+            # The limit is shown only while the machine is faster than it.
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
             area_ha=self._totals.area_ha,
             applied_kg=self._totals.applied_kg,
@@ -899,6 +964,7 @@ class ControlLoop:
         """Converts a flow to a rate under the open width, kg/ha; None where the speed is
         unknown, unless the flow is zero."""
         if flow_kg_s is None:
+            # A flow of zero is a rate of zero at any speed.
             return None
         if speed_mps < MIN_RATE_SPEED_MPS or open_share <= 0.0:
             return 0.0 if flow_kg_s <= 0.0 or open_share <= 0.0 else None
@@ -922,6 +988,7 @@ class ControlLoop:
             return self._doses.max_speed_mps
         if source not in CANOPY_SOURCES:
             return inf
+        # The heads see `heads_m` ahead: decision, latency and lag must fit into this way.
         return self.machine.geometry.heads_m / (
             lag.total_s + self._ahead.heads.decisions.period_s + HEAD_LATENCY_S
         )
@@ -948,6 +1015,7 @@ class ControlLoop:
     def _list_notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
         """Returns further remarks on this tick."""
         sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
+        # Notes describe the ground on which material released now will land.
         lands_m = sensed.track_m + moment.speed_mps * decision.lag.total_s
         notes = [f"limited_{pair.limited}"] if pair.limited else []
         if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
@@ -960,6 +1028,7 @@ class ControlLoop:
             notes.append("already_spread")
         if self._ahead.is_headland(lands_m):
             notes.append("on_headland")
+        # A reason for zero is given only if no other note explains it.
         if not notes and decision.holding.rate_kg_ha == 0.0 and not decision.by_point:
             notes += self._list_zero_reasons(decision.holding.source)
         if sensed.time_s - self._growth_reported_s < GROWTH_REPORT_S:
@@ -996,6 +1065,7 @@ def _find_reckoning_limit_m(
     """Returns the maximum error of a dead-reckoned position, m: half the width, or half a cell
     of the map. Doses require a measured position."""
     if points is not None:
+        # A dose must hit a plant, which dead reckoning cannot promise.
         return 0.0
     cell_m = inf if prescription is None else prescription.prescription.cell_m
     return 0.5 * min(machine.geometry.working_width_m, cell_m)

@@ -19,7 +19,9 @@ from topdress.control.orders import MAP_SOURCES, Answer, Do, Order, State, Strat
 from topdress.control.safety import BenchSetting, Safety, apply_bench_order, make_refusal
 from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, PointSource
 
+# `3 off`, `3 auto` and `all auto` are the words of the order; ASCII excludes other digits.
 _SECTION_PATTERN = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
+# A larger correction is a wrong set rate and not a nudge, %.
 MAX_NUDGE_PERCENT = 30.0
 # Resolution of a recorded refill, kg.
 REFILL_STEP_KG = 0.1
@@ -57,6 +59,7 @@ class Operator:
             job.flow_trim,
             job.no_double,
         )
+        # The bench begins with no set-point, so a bench run never repeats an old one.
         self.bench = BenchSetting()
         self.refilled = False
         self._crop, self._job = crop, job
@@ -69,6 +72,7 @@ class Operator:
         self._strip_measured = strip_measured
         self._sections = sections
         self._hopper_kg = hopper_kg
+        # A source appears only if the job has what it needs.
         placed = (
             *((source, has_map) for source in MAP_SOURCES),
             (TargetSource.POINT, points is not None),
@@ -84,6 +88,7 @@ class Operator:
     def handle_order(self, order: Order, now_s: float) -> tuple[Answer, str]:
         """Executes or refuses an order; returns the answer and the row's event, "" for none."""
         before = self._safety.state
+        # A held button sends its order again and again; only the first is an event.
         # Repeated orders mean that the button is held down.
         held_down = (order.do is Do.CALIBRATE and before is State.CALIBRATING) or (
             order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)
@@ -99,6 +104,7 @@ class Operator:
             answer,
             order.do.value
             if order.value is None
+            # A semicolon separates events in the log.
             else f"{order.do.value} {order.value}".replace(";", ","),
         )
 
@@ -117,6 +123,7 @@ class Operator:
 
     def _handle_nudge(self, order: Order, now_s: float) -> Answer:
         percent = _read_number(order)
+        # "not <=" also refuses a value that is not a number.
         if percent is None or not abs(percent) <= MAX_NUDGE_PERCENT:
             return Answer(False, "nudge_out_of_range")
         self.choices = self.choices._replace(nudge_percent=percent)
@@ -137,8 +144,10 @@ class Operator:
             and not order.value
             and self._job.nitrogen.year_max_kg_ha is not None
         ):
+            # A job with a yearly ceiling must not spread twice on any ground.
             return Answer(False, "year_ceiling")
         if order.do is Do.FLOW_TRIM:
+            # The trim starts anew at each switch.
             self._flow_trim.reset_calibration()
         chosen: dict[str, Any] = {_SWITCH_FIELDS[order.do]: order.value}
         self.choices = self.choices._replace(**chosen)
@@ -150,6 +159,7 @@ class Operator:
         if found is None:
             return Answer(False, "section_off_or_auto")
         if found["number"] is None:
+            # The order opens all sections again, also if none was closed by hand.
             self.choices = self.choices._replace(sections_off=())
             return ACCEPTED if self._sections else Answer(False, "no_such_section")
         number = int(found["number"])
@@ -173,6 +183,7 @@ class Operator:
         error_m = _read_number(order)
         if error_m is None or abs(error_m) > MAX_DOSE_ERROR_M:
             return Answer(False, "dose_error_out_of_range")
+        # A measured error can be assigned only to a dose that has landed.
         if self._points is None or not self._points.learn_dose_error(error_m, now_s):
             return Answer(False, "no_dose_landed")
         return ACCEPTED
@@ -192,12 +203,15 @@ class Operator:
     def _handle_safety_order(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """Passes an order to safety, and executes the effect of an accepted order here."""
         before = self._safety.state
+        # A recorder never commands the drives.
         if self._record_only and order.do in (Do.READY, Do.START, Do.CALIBRATE):
             return Answer(False, "record_only")
+        # A job with spread margins never permits flow outside of the field.
         if order.do is Do.ALLOW_OUTSIDE and order.value and self._job.field.margins:
             return Answer(False, "no_spread_margin")
         if (
             order.do is Do.REFILL
+            # The tolerance of one step allows a hopper that was filled exactly.
             and (_read_number(order) or 0.0) > self._hopper_kg + REFILL_STEP_KG
         ):
             return Answer(
@@ -209,10 +223,12 @@ class Operator:
             and (why := self._why_no_start())
         ):
             return Answer(False, why)
+        # Safety decides last, after every reason of the job.
         answer = self._safety.handle_order(order, now_s)
         if not answer.accepted:
             return answer
         if order.do is Do.REFILL:
+            # Effects follow only after acceptance, so that a refused order changes nothing.
             self.refilled = True
             self._flow_trim.record_refill(_read_number(order) or 0.0)
         elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
@@ -226,6 +242,7 @@ def _read_number(order: Order) -> float | None:
     value = order.value
     return (
         float(value)
+        # bool is a subclass of int, and True is no number here.
         if isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
         else None
     )

@@ -21,6 +21,7 @@ from topdress.control.safety import Verdict
 _SENSED_VALID_FOR_S: tuple[tuple[Any, float], ...] = tuple(
     (name, VALID_FOR_S[name]) for name in SENSED_COLUMNS
 )
+# A head that is silent for longer counts as missing in the row.
 HEAD_SILENT_S = VALID_FOR_S["ndvi_1"]
 # Empty cells for six heads and their decided NDVI.
 _SILENT_CELLS = (None,) * 7
@@ -45,12 +46,16 @@ def make_log_row(
     refused GNSS position is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
+    # An old fix stays in the measurements; the row must not repeat it as new.
     fix = (
         m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_VALID_FOR_S else None
     )
     placed = fix if sensed.refused_m is None else None
+    # The decided NDVI means nothing while another source sets the rate.
     decided = decided_ndvi if choices.source in CANOPY_SOURCES else None
+    # Seven empty cells fill the columns of machines with fewer heads.
     seen = (*(*heads, *_SILENT_CELLS)[:6], decided)
+    # A head reads one index; the columns of the other index stay empty.
     ndvi, ndre = (seen, _SILENT_CELLS) if m.canopy_index == "ndvi" else (_SILENT_CELLS, seen)
     return LogRow(
         time_s=now_s - started_s,

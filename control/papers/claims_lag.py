@@ -49,8 +49,10 @@ def list_equation_claims() -> list[Claim]:
     printed_m, right_m = (float(cell or 0.0) for cell in make_boundary_table().rows[0][1:])
     rpm = np.array(LINE_SPEEDS_RPM, dtype=np.float64)
     detected = np.array([TOTAL_LAG_S[n][1] for n in LINE_SPEEDS_RPM])
+    # The fit of this program repeats the paper's on the paper's own data.
     slope, intercept = (float(v) for v in np.polyfit(rpm, detected, 1))
     r = float(np.corrcoef(rpm, detected)[0, 1])
+    # Distance over time gives the speed with which table 4 was computed.
     kmh = [3.6 * MEAN_M[n] / TOTAL_LAG_S[n][0] for n in LAG_M]
     return [
         Claim(
@@ -80,6 +82,7 @@ def list_equation_claims() -> list[Claim]:
             "10 m east at 40 N",
             f"{east[0]:.2f} m as printed, {east[1]:.2f} m on WGS84",
             ResultOrigin.RECOMPUTED,
+            # An error of 0.05 m matters less than a receiver's own.
             abs(east[0] - east[1]) < 0.05,
             "the cosine stands with the wrong product",
             "0.05 m: the digits that an arccosine leaves of 10 m",
@@ -121,6 +124,7 @@ def list_table_claims(machine: Machine) -> list[Claim]:
     """Returns the claims of tables 1 to 3."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     repeats_m = float(np.sqrt(np.mean([np.var(values, ddof=1) for values in LAG_M.values()])))
+    # Only speeds within the line's range are compared.
     off_m = calc_rms(MEAN_M[n] - TEST_SPEED_MPS * first[n] for n in LINE_SPEEDS_RPM)
     response = calc_rms(
         value - calc_response_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair
@@ -128,8 +132,10 @@ def list_table_claims(machine: Machine) -> list[Claim]:
     drop = calc_rms(
         MEAN_DROP_S[n] - first[n] + calc_response_s(machine, n) for n in LINE_SPEEDS_RPM
     )
+    # The columns are standing and moving.
     still, moving = (np.array([pair[k] for pair in RESPONSE_S.values()]) for k in (0, 1))
     apart = float((moving - still).mean())
+    # 1.833 is the t quantile for nine degrees of freedom, 90 % two-sided.
     sure = float(1.833 * (moving - still).std(ddof=1) / np.sqrt(len(still)))
     return [
         Claim(
@@ -138,6 +144,8 @@ def list_table_claims(machine: Machine) -> list[Claim]:
             "2.29 to 3.18 m",
             f"r.m.s. {off_m:.3f} m, 10 to 70 r/min, at the written speed",
             ResultOrigin.SIMULATED,
+            # Three standard deviations of a replicate separate a systematic difference from
+            # scatter.
             off_m < 3.0 * repeats_m,
             "the field's lag is longer than the rig's; see the tables across each other",
             f"{3.0 * repeats_m:.2f} m: three times the s.d. of its replicates",
@@ -171,6 +179,7 @@ def list_table_claims(machine: Machine) -> list[Claim]:
             f"{1000.0 * (apart - sure):.1f} to "
             f"{1000.0 * (apart + sure):.1f})",
             ResultOrigin.RECOMPUTED,
+            # A difference below 5 ms cannot be seen in rows with that standard deviation.
             abs(apart) <= sure or abs(apart) < 0.005,
             "",
             f"{1000.0 * sure:.1f} ms: half of the 90 % interval of ten pairs; or 5 ms, the "
@@ -202,12 +211,15 @@ def list_table_4_claims(machine: Machine) -> list[Claim]:
     """Returns the claims of table 4."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     errors = {n: 100.0 * (1.0 - detected / field) for n, (field, detected) in TOTAL_LAG_S.items()}
+    # The same error at the written speed shows how much the conversion contributes.
     restated = {
         n: 100.0 * (1.0 - detected * TEST_SPEED_MPS / MEAN_M[n])
         for n, (_, detected) in TOTAL_LAG_S.items()
     }
     summed = calc_rms(MEAN_DROP_S[n] + MEAN_RESPONSE_S - TOTAL_LAG_S[n][1] for n in LAG_M)
+    # The turning point is the speed with the smallest mean.
     turns = min(MEAN_DROP_S, key=lambda n: MEAN_DROP_S[n]), min(MEAN_M, key=lambda n: MEAN_M[n])
+    # A detector that misses granules would be late; a negative difference contradicts this.
     early = [detected - field for field, detected in TOTAL_LAG_S.values()]
     return [
         Claim(
@@ -285,12 +297,14 @@ def list_table_4_claims(machine: Machine) -> list[Claim]:
 
 def list_correction_claims() -> list[Claim]:
     """Returns the claims of the correction."""
+    # Expected miss: the field's distance minus the distance that the correction used.
     left = {n: MEAN_M[n] - TEST_SPEED_MPS * find_paper_lag_s(n) for n in LINE_SPEEDS_RPM}
     after = {n: float(np.mean(values)) for n, values in CORRECTED_M.items()}
     missed, remains = float(np.mean(list(after.values()))), float(np.mean(list(left.values())))
     spread, explained = (float(np.std(list(values.values()), ddof=1)) for values in (after, left))
     gains = {n: 100.0 * (1.0 - late / before) for n, (before, late) in CORRECTION_GAIN_M.items()}
     line = calc_rms(find_paper_lag_s(n) - TOTAL_LAG_S[n][1] for n in LINE_SPEEDS_RPM)
+    # The needed error of the speed, % on average, tests the paper's explanation.
     faster = 100.0 * float(
         np.mean([after[n] / (TEST_SPEED_MPS * find_paper_lag_s(n)) for n in LINE_SPEEDS_RPM])
     )
@@ -324,6 +338,7 @@ def list_correction_claims() -> list[Claim]:
             f"{min(MEAN_M[n] for n in LINE_SPEEDS_RPM):.2f} to "
             f"{max(MEAN_M[n] for n in LINE_SPEEDS_RPM):.2f} m",
             ResultOrigin.RECOMPUTED,
+            # 0.0051 allows half of the last digit and rounding of floats.
             all(abs(MEAN_M[n] - CORRECTION_GAIN_M[n][0]) < 0.0051 for n in LINE_SPEEDS_RPM),
             "the means of table 1",
             f"0.005 m: {ROUNDING_TEXT}",
@@ -371,6 +386,7 @@ def list_correction_claims() -> list[Claim]:
 def list_set_up_claims() -> list[Claim]:
     """Returns claims about the set-up, which cannot be calculated from other numbers."""
     return [
+        # Explanations and drawings are listed, so that no statement of the paper is missing.
         Claim(
             "section 2.4.3",
             "why lag rises above 70 r/min: granules strike the tube more often",

@@ -68,6 +68,7 @@ TRIAL_CANOPIES = (
 
 def make_decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
     """Returns the section with all published and obtained values of the paper."""
+    # The rule is prepared once, because the crop is the same in all tables.
     rule = prepare_rule(crop)
     sampled, words = simulate_sampling(seed)
     forward, forward_words = compare_forward_targets(crop)
@@ -94,6 +95,8 @@ def make_decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Sectio
 def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     """Returns table 1 for simulated canopies: for each plot a canopy of the published CV at 2
     Hz, read by each interpretation."""
+    # The paper's statistics take the place of readings, so that the program's own choice can be
+    # applied.
     papers = [
         {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
         for k in range(len(PLOT_NAMES))
@@ -105,6 +108,7 @@ def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     apart: dict[str, float] = {}
     for name, length_m, correlation_m in TRIAL_CANOPIES:
         runs = [
+            # Seeds 100 apart keep the twelve plots of each trial independent.
             choose_frequency(_simulate_plots(length_m, correlation_m, seed + 100 * run))
             for run in range(TRIAL_COUNT)
         ]
@@ -118,6 +122,7 @@ def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
                 ]
             )
         )
+    # The canopy whose changes are nearest to the published ones is used for table 1.
     fits = min(apart, key=lambda name: apart[name])
     _, length_m, correlation_m = next(canopy for canopy in TRIAL_CANOPIES if canopy[0] == fits)
     draws = [
@@ -193,6 +198,7 @@ def _simulate_plots(
 ) -> list[dict[float, Evenness]]:
     return [
         tabulate_frequencies(_simulate_readings(cv_percent, length_m, correlation_m, seed + k))
+        # Each plot has a seed of its own.
         for k, (cv_percent, _) in enumerate(SAMPLING_PERCENT[2.0])
     ]
 
@@ -203,17 +209,22 @@ def _simulate_readings(
     """Returns simulated NDVI at 2 Hz along a plot, mean of six heads, with the given CV."""
     field = CanopyField(
         Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m),
+        # The strip is 12 m wide, wider than a plot, so that all heads lie inside.
         (0.0, 12.0),
         (0.0, length_m),
         seed,
     )
+    # The distance between readings is speed over 2 Hz.
     ways = np.arange(0.0, length_m, MAIN_SPEED_KMH / 3.6 / 2.0)
+    # Six heads are spread evenly over the width.
     heads = (np.arange(6) - 2.5) * PLOT_WIDTH_M / 6
     readings = np.mean(
         [field.find_many_ndvi(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0
     )
     return np.asarray(
         MEAN_NDVI
+        # The readings are scaled to the published CV, so that only their order in space is
+        # simulated.
         + (readings - readings.mean()) * (cv_percent / 100.0 * MEAN_NDVI / readings.std(ddof=1)),
         dtype=np.float64,
     )
@@ -226,6 +237,7 @@ def _calc_mean_sd(values: list[float]) -> tuple[float, float]:
 def compare_forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
     """Returns FC's target of table 2 from the mean NDVI printed in figure 2, by four
     interpretations of section 2.1."""
+    # FC is the only variable plot whose NDVI is printed.
     ndvi = PLOT_NDVI["FC"]
     cv_percent = float(
         np.mean(
@@ -236,6 +248,7 @@ def compare_forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
             ]
         )
     )
+    # Without grades the rate is the smooth curve.
     smooth = crop.model_copy(update={"grades": False})
     area_m2, target_kg, _, _ = APPLIED_AMOUNTS["FC"]
     kg = {
@@ -264,6 +277,7 @@ def _calc_mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
     """Returns the mean rate of a canopy with normally distributed NDVI of this mean and CV,
     kg/ha."""
     rule = prepare_rule(crop)
+    # Three standard deviations contain 99.7 % of a normal canopy.
     z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
     values = [
         rule.decide_rate(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z
@@ -274,6 +288,7 @@ def _calc_mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
 def simulate_amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
     """Returns FC of table 2 on the simulated machine and a canopy of its printed NDVI: with the
     machine file, and with an unknown additional outflow of 7 %."""
+    # The second machine releases 7 % more than its machine file states.
     _, target_kg, applied_kg, error_percent = APPLIED_AMOUNTS["FC"]
     nominal, planted = (
         _simulate_plot(machine, crop, rule, PLOT_NDVI["FC"], seed, effect)
@@ -307,6 +322,7 @@ def _simulate_plot(
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
     job = add_simulated_field(
         Job(
+            # The flow trim is off, because it would correct the outflow that this table compares.
             flow_trim=False,
             simulated=Simulated(
                 speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_LENGTH_M, canopy=canopy
@@ -316,9 +332,11 @@ def _simulate_plot(
     )
     plant = make_plant(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
     loop = make_control_loop(machine, crop, rule, job)
+    # The time covers run-in and run-out, and the material that lands last.
     seconds = (PLOT_LENGTH_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
     target = released = 0.0
     for step in simulate_run(plant, loop, seconds):
+        # The target is integrated over the ground that the machine passes, kg.
         target += (
             step.target_rate_kg_ha
             * step.truth.speed_mps
@@ -380,6 +398,7 @@ def make_grain_picture() -> Picture:
                 "eq 2, by which the default crop doses: 60 %",
                 "ours",
                 [0.0, 300.0],
+                # 180 of 300 kg/ha are the 60 % of eq 2.
                 [0.0, 180.0],
                 True,
             ),
@@ -425,6 +444,7 @@ def make_sampling_picture(table: Table) -> Picture:
 def make_rate_picture(crop: Crop) -> Picture:
     """Returns the picture of rate over NDVI."""
     smooth, graded = prepare_rule(crop.model_copy(update={"grades": False})), prepare_rule(crop)
+    # 601 points show the steps of the grades as steps.
     ndvi = np.linspace(0.2, 0.8, 601)
     at = calc_weighed_rate(APPLIED_AMOUNTS["FC"][1], APPLIED_AMOUNTS["FC"][0])
     return Picture(

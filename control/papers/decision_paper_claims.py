@@ -52,6 +52,7 @@ def calc_extra_nitrogen(
 
 # CV of the NDVI on 28 March, % (section 3.1 and conclusion 2).
 CV_AFTER_PERCENT = {"CK": 11.32, "CP": 10.21, "variable": 8.68}
+# Area of a yield sample, m2 (section 3).
 HARVESTED_M2 = 5.0
 # Nitrogen share of urea, and nitrogen in the grain, kg/t (eq 2).
 UREA_N, GRAIN_N_KG_T = 0.45, 23.9
@@ -66,12 +67,14 @@ PAPER_CURVE = (0.359, 324.4)
 
 
 def make_yield_table() -> Table:
+    # 10,000 m2 are a hectare in all conversions of this module.
     """Returns table 3: yields from the sample weights, and by eq 3 for the plots with printed
     NDVI."""
     rows = []
     for plot, (sample_kg, cv, kg_ha) in TREATMENT_YIELDS.items():
         ndvi = PLOT_NDVI.get(plot)
         potential = (
+            # Only plots with a printed NDVI have a potential by eq 3.
             None
             if ndvi is None
             else 1000.0 * calc_yield_without_t_ha(ndvi / GROWTH_DAYS, *PAPER_CURVE)
@@ -83,6 +86,8 @@ def make_yield_table() -> Table:
                 cv,
                 kg_ha,
                 sample_kg / HARVESTED_M2 * 10_000.0,
+                # The weight is computed backwards too, because printed sample weights are rounded
+                # more coarsely.
                 kg_ha / 10_000.0 * HARVESTED_M2,
                 ndvi,
                 potential,
@@ -125,12 +130,14 @@ def list_grain_nitrogen() -> list[GrainNitrogen]:
     """Returns the nitrogen of FA, FB and FC: base dressing of a third, two thirds and all
     (section 1.1), and table 2's applied urea, with table 3's yields."""
     found = []
+    # The plots differ in their base dressing, so their total nitrogen does too.
     for thirds, plot in enumerate(("FA", "FB", "FC"), start=1):
         topdressed = calc_weighed_rate(APPLIED_AMOUNTS[plot][2], APPLIED_AMOUNTS[plot][0]) * UREA_N
         found.append(
             GrainNitrogen(
                 plot,
                 BASE_N_KG_HA * thirds / 3.0 + topdressed,
+                # CK received no nitrogen, hence its yield is the reference.
                 (TREATMENT_YIELDS[plot][2] - TREATMENT_YIELDS["CK"][2]) * GRAIN_N_KG_T / 1000.0,
             )
         )
@@ -153,18 +160,23 @@ def make_grain_table() -> Table:
 def list_sampling_claims(simulated: Table) -> list[Claim]:
     """Returns the claims of section 1.2 and figure 3 from table 1. `simulated`: table 1 on a
     simulated canopy."""
+    # The first row is 2 Hz, which is an input of the simulation.
     ours = [float(row[5] or 0.0) for row in simulated.rows[1:]]
     cv = {hz: np.array([pair[0] for pair in SAMPLING_PERCENT[hz]]) for hz in FREQUENCIES_HZ}
     cuc = np.concatenate([[pair[1] for pair in SAMPLING_PERCENT[hz]] for hz in FREQUENCIES_HZ])
+    # Two standard deviations of a draw allow chance, but no systematic difference.
     within = 2.0 * max(float(row[6] or 0.0) for row in simulated.rows)
     table = np.array([cv[hz] for hz in FREQUENCIES_HZ])
+    # The spread of a plot is its largest minus its smallest CV over all frequencies.
     spread = table.max(axis=0) - table.min(axis=0)
     most, least = int(spread.argmax()), int(spread.argmin())
+    # The function of the program takes the paper's figures in place of readings.
     plots = [
         {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
         for k in range(len(PLOT_NAMES))
     ]
     chosen = choose_frequency(plots)
+    # The quotient of mean deviation and standard deviation tells the shape of the distribution.
     deviation = float(np.mean((100.0 - cuc) / table.ravel()))
     groups = {
         name: float(
@@ -179,6 +191,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
             "eq 1",
             "C_uc of readings spread normally: mean deviation over s.d. is 0.798",
             f"{deviation:.3f} (table 1)",
+            # No verdict is given, because the paper states the distribution nowhere.
             "0.798",
             ResultOrigin.SIMULATED,
             None,
@@ -209,6 +222,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
             f"largest CV of one plot {cv[2.0].max():.2f} %; of a treatment's mean "
             f"{groups[largest]:.2f} % in "
             f"{largest}, "
+            # The paper's statement is about treatments, so plots are averaged first.
             f"FC {groups['FC']:.2f} %",
             ResultOrigin.RECOMPUTED,
             largest == "FC",
@@ -221,6 +235,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
             "0.467; 8.22 %",
             f"{min(cv[2.0][:3]):.2f} %",
             ResultOrigin.RECOMPUTED,
+            # 0.005 is half of the last printed digit.
             abs(min(cv[2.0][:3]) - 8.22) < 0.005,
             "the CV; the NDVI is copied",
             f"0.005 %: {ROUNDING_TEXT}",
@@ -231,6 +246,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
             "90 to 96 %",
             f"{low:.2f} to {high:.2f} %",
             ResultOrigin.RECOMPUTED,
+            # 96.05 allows for a printed 96 that was rounded.
             low >= 90.0 and high <= 96.05,
             "",
             "0.05 %: printed as whole percents",
@@ -289,6 +305,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
 
 def list_ndvi_claims() -> list[Claim]:
     """Returns the claims of section 3.1: the effect of topdressing on the NDVI."""
+    # Raw data are at 2 Hz; the first three plots are CK.
     raw = np.array([pair[0] for pair in SAMPLING_PERCENT[2.0]])
     ck, variable = float(raw[:3].mean()), float(raw[3:].mean())
     return [
@@ -301,6 +318,7 @@ def list_ndvi_claims() -> list[Claim]:
             f"{CV_AFTER_PERCENT['CK'] - 8.22:.2f} from the "
             "smallest plot",
             ResultOrigin.RECOMPUTED,
+            # The paper prints a whole percent, so half a percent is allowed.
             abs(CV_AFTER_PERCENT["CK"] - ck - 3.0) < 0.5,
             "3 is had from CK-2 alone" if abs(CV_AFTER_PERCENT["CK"] - ck - 3.0) >= 0.25 else "",
             f"0.5 %: {ROUNDING_TEXT}",
@@ -339,28 +357,34 @@ def list_ndvi_claims() -> list[Claim]:
 def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     """Returns the claims of section 2.1 and table 2. `forward`: FC's target from its NDVI;
     `simulated`: table 2 on the machine."""
+    # Without grades the rule is the smooth curve of eq 2 to 5.
     smooth = prepare_rule(crop.model_copy(update={"grades": False}))
+    # 0.75 is the upper end of the NDVI range, where the need is lowest.
     at_edge = calc_requirement_kg_ha(
         WITHOUT_STRIP_T_HA, calc_yield_without_t_ha(0.75 / GROWTH_DAYS, *PAPER_CURVE)
     )
     rates = {plot: calc_weighed_rate(row[1], row[0]) for plot, row in APPLIED_AMOUNTS.items()}
     errors = {plot: 100.0 * (row[2] / row[1] - 1.0) for plot, row in APPLIED_AMOUNTS.items()}
     targets, applied = ([row[column] for row in APPLIED_AMOUNTS.values()] for column in (1, 2))
+    # 600 m2 is the area of each plot (table 2).
     extra = [
         calc_extra_nitrogen([calc_weighed_rate(kg, 600.0) for kg in amounts], UNIFORM_KG_HA)
         for amounts in (targets, applied)
     ]
+    # Sowing and sensing date give the number of days that eq 4 could count at most.
     sown, sensed = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
     index = WITHOUT_STRIP_T_HA / calc_yield_without_t_ha(
         PLOT_NDVI["CK"] / GROWTH_DAYS, *PAPER_CURVE
     )
     grades = make_rate_table(crop)
+    # The width follows from the grades themselves, not from the paper's text.
     width = grades[0].ndvi_to - grades[0].ndvi_above
     reached = float(np.mean([TREATMENT_YIELDS[plot][2] for plot in APPLIED_AMOUNTS])) / 1000.0
     ck, fc = (
         1000.0 * calc_yield_without_t_ha(PLOT_NDVI[plot] / GROWTH_DAYS, *PAPER_CURVE)
         for plot in ("CK", "FC")
     )
+    # The first two columns are the plot's name and the published target.
     forward_kg = [float(cell or 0.0) for cell in forward.rows[0][2:]]
     sim = [abs(float(row[6] or 0.0)) for row in simulated.rows]
     return [
@@ -429,6 +453,7 @@ def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim
             "11, 0.5",
             f"{len(grades) + 1}, {width:.2f}",
             ResultOrigin.RECOMPUTED,
+            # The program's grades have the width of the paper's example, 0.05.
             abs(width - 0.5) < 0.01,
             "a width of 0.5 leaves one grade between 0.25 and 0.75; 0.05 gives the eleven",
             "0.01: widths are printed in steps of 0.05",
@@ -444,6 +469,7 @@ def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim
             None,
             "drawn below from eq 2 to 5; the figure itself is a picture and was not read off",
         ),
+        # Each interpretation is compared by itself, because the text allows several.
         *(
             compare_numbers(
                 "table 2",
@@ -480,6 +506,7 @@ def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim
             "+5.82 to +8.42 %",
             f"{max(sim):.2f} % at most",
             ResultOrigin.SIMULATED,
+            # The simulated machine has no unknown error, so it cannot confirm the published errors.
             None,
             "the nominal machine on FC's plot, its scale not correcting; an outflow 7 % "
             "high gives the published "
@@ -501,6 +528,7 @@ def list_rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim
             f"about {EXTRA_N_KG_HA:g} kg/ha",
             f"{extra[1]:.2f} by the applied, {extra[0]:.2f} by the target amounts",
             ResultOrigin.RECOMPUTED,
+            # Both results are shown: the text does not state from which amounts it was computed.
             abs(extra[1] - EXTRA_N_KG_HA) < 1.0,
             "counted from the applied amounts: 11 kg/ha of it is the control error",
             '1 kg/ha: "about"',
@@ -533,6 +561,7 @@ def list_yield_claims() -> list[Claim]:
     kg_ha = {plot: row[2] for plot, row in TREATMENT_YIELDS.items()}
     cv = {plot: row[1] for plot, row in TREATMENT_YIELDS.items()}
     return [
+        # The yield should follow from the sample weight; a difference shows a rounded weight.
         *(
             compare_numbers(
                 "table 3",
@@ -565,6 +594,7 @@ def list_yield_claims() -> list[Claim]:
                 for plot in ("FA", "FB", "FC")
             ),
             ResultOrigin.RECOMPUTED,
+            # 5 % is the tolerance for the paper's word "slightly".
             all(kg_ha[p] > 0.95 * kg_ha["CP"] for p in ("FA", "FB", "FC")),
             "true of FC; FA and FB had less base fertilizer",
             '5 %: "slightly"',
@@ -584,6 +614,7 @@ def list_yield_claims() -> list[Claim]:
 
 def list_set_up_claims() -> list[Claim]:
     """Returns claims about the trial and the machine, which are inputs here."""
+    # Inputs are listed so that the table has every statement of the paper.
     return [
         Claim(
             "introduction",

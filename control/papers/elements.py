@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from .page import Section, Table
 
+# The words appear in the page and in its counts.
 YES, PARTLY, NO = "yes", "partly", "no"
+# Short names of the three papers: decision system, lag of map control, point fertilisation.
 DECISION, LAG, POINT = "decision", "lag", "point"
 
 # Each row has paper, element, presence, place (paths of the source, commands of `topdress`), and a
@@ -201,6 +203,7 @@ PAPER_ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
 
 def make_elements_section() -> Section:
     """Returns the section with the table of all elements."""
+    # The counts are computed, so that text and table cannot differ.
     count = {here: sum(row[2] == here for row in PAPER_ELEMENTS) for here in (YES, PARTLY, NO)}
     return Section(
         "Every element of the papers",

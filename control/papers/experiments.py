@@ -25,12 +25,15 @@ from topdress.control.machine.start import calc_response_s, find_first_fall_s
 from .page import Table
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
 
+# Shaft speeds of all tables, r/min, in the order of table 1.
 TEST_SPEEDS_RPM = tuple(LAG_M)
 STATED_MPS = LAG_SPEED_KMH / 3.6
 # Speed by which table 4's field times follow from table 1's distances, m/s.
 CONVERTED_MPS = 4.5 / 3.6
 # Time step of the simulations, s.
+# A step of 2.5 ms is far below the 0.01 s to which drop times are printed.
 STEP_S = 0.0025
+# Means of table 1 (m) and table 3 (s), and standard errors of the latter, (10,).
 MEAN_LAG_M = np.array([np.mean(LAG_M[n]) for n in TEST_SPEEDS_RPM])
 MEAN_DROP_S = np.array([np.mean(DROP_S[n]) for n in TEST_SPEEDS_RPM])
 DROP_SE_S = np.array([np.std(DROP_S[n], ddof=1) / np.sqrt(len(DROP_S[n])) for n in TEST_SPEEDS_RPM])
@@ -60,6 +63,7 @@ class FieldConversion(NamedTuple):
 def fit_rise(machine: Machine) -> tuple[Machine, FittedNumber]:
     """Returns the machine with the rise above 70 r/min fitted to table 3's means at 80 to 100
     r/min, through the rig's test."""
+    # Up to this speed the line of the machine file holds.
     above = [k for k, n in enumerate(TEST_SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
 
     def risen(rise_s: float) -> Fall:
@@ -69,13 +73,19 @@ def fit_rise(machine: Machine) -> tuple[Machine, FittedNumber]:
         falls = np.array(
             [find_first_fall_s(machine, risen(rise_s), TEST_SPEEDS_RPM[k]) for k in above]
         )
+        # Residuals are in standard errors, so that exact means weigh more.
         return np.asarray((MEAN_DROP_S[above] - falls) / DROP_SE_S[above])
 
     rise = float(
         minimize_scalar(
-            lambda size: float(np.sum(off(size) ** 2)), bounds=(0.0, 2.0), method="bounded"
+            # A rise of 2 s exceeds every printed drop time, so the bound is no constraint.
+            lambda size: float(np.sum(off(size) ** 2)),
+            bounds=(0.0, 2.0),
+            method="bounded",
         ).x
     )
+    # The slope at the optimum, by a central difference of 0.02 s, gives the interval; 1.645 is the
+    # normal quantile.
     half = 1.645 * 0.02 / float(np.linalg.norm(off(rise + 0.01) - off(rise - 0.01)))
     return machine.model_copy(update={"fall": risen(rise)}), FittedNumber(
         rise, rise - half, rise + half
@@ -112,6 +122,7 @@ class LagExplanations(NamedTuple):
 
     @property
     def calc_delay_odds(self) -> float:
+        # The quotient of two likelihoods is the odds of both explanations.
         return float(np.exp(self.of_speed - self.of_delay))
 
     @property
@@ -128,14 +139,18 @@ def compare_speed_and_delay() -> LagExplanations:
     """
     rpm = np.array([n for n in TEST_SPEEDS_RPM if n <= 70], dtype=np.float64)
     drops = np.concatenate([DROP_S[int(n)] for n in rpm])
+    # Each shaft speed has equally many drops.
     design = np.column_stack([np.ones(len(drops)), np.repeat(rpm, len(drops) // len(rpm))])
     line = np.linalg.lstsq(design, drops, rcond=None)[0]
     left = drops - design @ line
     at = np.column_stack([np.ones(len(rpm)), rpm])
+    # The covariance of the line at all seven speeds: an error of the slope is common to them.
     unsure = at @ np.linalg.inv(design.T @ design) @ at.T * float(left @ left) / (len(drops) - 2)
+    # Table 2 shows no influence of the shaft speed, so the mean response serves.
     lag = at @ line + float(np.mean([value for pair in RESPONSE_S.values() for value in pair]))
     repeats = float(np.mean([np.var(values, ddof=1) / len(values) for values in LAG_M.values()]))
 
+    # Minus the logarithm of a normal likelihood with correlated errors.
     def minus_log(mps: float, delay_s: float) -> float:
         spread = mps * mps * unsure + repeats * np.eye(len(rpm))
         off = MEAN_LAG_M[: len(rpm)] - mps * (lag + delay_s)
@@ -144,6 +159,8 @@ def compare_speed_and_delay() -> LagExplanations:
         )
 
     speed = minimize_scalar(lambda mps: minus_log(mps, 0.0), bounds=(0.8, 2.5), method="bounded")
+    # The delay is fitted twice: at the stated speed, and at the speed by which table 4 was
+    # converted.
     delay, delay_at_4_5 = (
         minimize_scalar(lambda s, v=mps: minus_log(v, s), bounds=(-1.0, 1.5), method="bounded")
         for mps in (STATED_MPS, CONVERTED_MPS)
@@ -166,7 +183,9 @@ def calc_overtaking_fall_s(
 
     With eq 6 as that drop time this is the earlier model, kept for comparison.
     """
+    # Material flows from 2 r/min on, which is the paper's threshold of turning.
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
+    # After 1.5 s every shaft speed of the tests is reached.
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
         rpm = step_first_order(
@@ -184,6 +203,7 @@ def calc_start_lags(machine: Machine, falls: Callable[[float], float]) -> Array:
 def fit_field_conversion(lags_s: Array) -> FieldConversion:
     """Returns the speed or delay that converts the lags to table 1's distances, by least squares
     over all ten shaft speeds."""
+    # Each shaft speed gives an estimate, and their scatter gives the interval.
     mps = MEAN_LAG_M / lags_s
     delay = MEAN_LAG_M / STATED_MPS - lags_s
     return FieldConversion(
@@ -196,6 +216,7 @@ def fit_field_conversion(lags_s: Array) -> FieldConversion:
 
 def _fit_mean(values: Array) -> FittedNumber:
     middle = float(np.mean(values))
+    # The t quantile at 0.95 gives a two-sided 90 % interval.
     half = float(stdtrit(len(values) - 1, 0.95) * np.std(values, ddof=1) / np.sqrt(len(values)))
     return FittedNumber(middle, middle - half, middle + half)
 
@@ -210,6 +231,7 @@ def make_experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[s
     risen, parameter = fit_rise(machine)
     rise = calc_start_rise(machine, parameter)
     lags = calc_start_lags(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
+    # The earlier model is kept so that the report shows what the present one improves.
     old = calc_start_lags(
         machine,
         lambda n: calc_overtaking_fall_s(
@@ -248,6 +270,7 @@ def make_experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[s
     )
     line = np.array([n <= machine.fall.valid_to_rpm for n in TEST_SPEEDS_RPM])
     held = (
+        # Table 2 has no line, so all its rows count (`line | True`).
         ("table 2, s", responses, turns, turns, line | True),
         ("table 3, s", MEAN_DROP_S, lags - turns, old - turns, line),
         ("table 4 detected, s", detected, lags, old, line),
@@ -260,6 +283,7 @@ def make_experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[s
         ),
         ("table 1, m", MEAN_LAG_M, driven, STATED_MPS * old, line),
     )
+    # Difference between a start and a running shaft at 70 r/min, s.
     more = find_start_drop_s(machine.fall, 70.0) - calc_drop_s(machine.fall, 70.0)
     slopes = tuple(
         float(np.polyfit(np.array(TEST_SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
@@ -375,6 +399,7 @@ def _make_settled_table(
     left = singles.ravel() - intercept - slope * x
     sd = float(np.sqrt(np.sum(left**2) / (len(x) - 2)))
     about = float(np.sum((x - x.mean()) ** 2))
+    # 1.668 is the t quantile for 68 degrees of freedom, 90 % two-sided.
     half = 1.668 * sd / np.sqrt(about), 1.668 * sd * np.sqrt(1.0 / len(x) + x.mean() ** 2 / about)
     singly = _fit_single_fall(machine)
     return Table(
@@ -435,6 +460,7 @@ def _make_settled_table(
                 "no table: every test is a start; a change between two rates would settle it",
             ),
             (
+                # 0.32 s is the free fall from the outlet's height of 0.5 m.
                 "first fill of an empty tube, s",
                 f"0 to {calc_drop_s(fall, 70.0) - 0.32:.2f}",
                 "no table; bounded by a free fall of 0.32 s from the outlet's 0.5 m",
@@ -463,6 +489,7 @@ def _fit_single_fall(machine: Machine) -> float:
         )
 
     intercept, slope = least_squares(
-        off, [machine.fall.intercept_s, machine.fall.slope_s_per_rpm - 1.0 / 200.0]
+        off,
+        [machine.fall.intercept_s, machine.fall.slope_s_per_rpm - 1.0 / 200.0],
     ).x
     return float(intercept + 70.0 * slope)

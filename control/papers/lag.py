@@ -41,6 +41,7 @@ from .published import (
     TOTAL_LAG_S,
 )
 
+# Ground speed as the paper states it, m/s.
 SPEED_MPS = LAG_SPEED_KMH / 3.6
 # Latitude and longitude of the paper's field near Beijing, degrees.
 EQ3_PLACE_DEG = (40.0, 116.0)
@@ -48,6 +49,7 @@ EQ3_PLACE_DEG = (40.0, 116.0)
 
 def make_lag_section(machine: Machine) -> Section:
     """Returns the section with all published and obtained values of the paper."""
+    # Each part returns its tables and its sentences together, since the sentences quote the tables.
     correction, words = make_correction_tables(machine)
     line, line_words = refit_lag_line()
     claims = tuple(list_lag_claims(machine))
@@ -83,6 +85,7 @@ def make_distance_table(machine: Machine) -> Table:
         (
             rpm,
             float(np.mean(values)),
+            # A distance is the lag multiplied by the ground speed of the test.
             SPEED_MPS * find_paper_lag_s(rpm),
             SPEED_MPS * find_start_lag_s(machine, rpm),
         )
@@ -99,7 +102,9 @@ def make_distance_table(machine: Machine) -> Table:
 def make_response_table(machine: Machine) -> Table:
     """Returns table 2, responses, published and obtained."""
     rows = tuple(
-        (rpm, *values, calc_response_s(machine, rpm)) for rpm, values in RESPONSE_S.items()
+        # Standing and moving tests are printed separately, so both columns are kept.
+        (rpm, *values, calc_response_s(machine, rpm))
+        for rpm, values in RESPONSE_S.items()
     )
     return Table(
         "Table 2: from the command to 2 r/min, s",
@@ -115,6 +120,7 @@ def make_drop_table(machine: Machine) -> Table:
         (
             rpm,
             float(np.mean(values)),
+            # ddof 1 gives the standard deviation of a sample of ten drops.
             float(np.std(values, ddof=1)),
             find_first_fall_s(machine, machine.fall, rpm),
             calc_drop_s(machine.fall, rpm),
@@ -136,6 +142,7 @@ def make_total_table(machine: Machine) -> Table:
             rpm,
             field,
             detected,
+            # The detector is compared with the field, as the paper does.
             100.0 * (1.0 - detected / field),
             find_paper_lag_s(rpm),
             find_start_lag_s(machine, rpm),
@@ -154,12 +161,15 @@ def refit_lag_line() -> tuple[Table, tuple[str, ...]]:
     """Returns eq 6 fitted again, on the data that the paper names and on the other column."""
     rows: list[tuple[str | float, ...]] = [("eq 6", LAG_LINE[0], LAG_LINE[1], LAG_CORRELATION)]
     fits = {}
+    # The paper names the detected lags; the field's lags are fitted to show the difference.
     for column, name in ((1, "detected, table 4"), (0, "field, table 4")):
+        # Eq 6 holds up to 70 r/min, where the lag begins to rise again.
         rpm = np.array([n for n in TOTAL_LAG_S if n <= 70], dtype=np.float64)
         lag = np.array([TOTAL_LAG_S[int(n)][column] for n in rpm])
         slope, intercept = np.polyfit(rpm, lag, 1)
         fits[name] = (float(intercept), float(slope))
         rows.append((name, float(intercept), float(slope), float(-np.corrcoef(rpm, lag)[0, 1])))
+    # The ends of the range bound the distance of two straight lines.
     apart = max(
         abs(fits["detected, table 4"][0] + fits["detected, table 4"][1] * n - find_paper_lag_s(n))
         for n in (10, 70)
@@ -180,14 +190,17 @@ def refit_lag_line() -> tuple[Table, tuple[str, ...]]:
 
 def make_correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
     """Returns tables 5 and 6, published and obtained."""
+    # A fixed seed makes each report identical.
     rng = np.random.default_rng(1)
     once = next(reading for reading in INTERPRETATIONS if reading.name == ONCE_A_SECOND)
     rows = []
     for rpm, (before, after) in CORRECTION_GAIN_M.items():
         ideal = [
+            # The first interpretation has an exact position, so one draw is enough.
             float(simulate_misses(machine, rpm, INTERPRETATIONS[0], on, 1, rng).mean())
             for on in (False, True)
         ]
+        # 4,000 draws leave an error of the mean that the printed digits do not show.
         late = [simulate_misses(machine, rpm, once, on, 4000, rng) for on in (False, True)]
         rows.append(
             (
@@ -218,8 +231,10 @@ def make_correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[s
         tuple(rows),
         (0, 2, 3, 1, 2, 2, 2, 2, 1),
     )
+    # The rival has two fitted spreads and no mechanism; it tests whether a mechanism is needed.
     fits, rival = compare_interpretations(machine, CORRECTED_M), fit_field_rival(CORRECTED_M)
     mean, within, means = calc_published_spread(CORRECTED_M)
+    # Tables 5 and 6 have 21 values: seven shaft speeds, three replicates.
     readings = Table(
         "Which reading explains table 5: miss m, spread of replicates and of their means, "
         "log likelihood",
@@ -242,6 +257,7 @@ def make_correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[s
     )
     by_name = {fit.reading.name: fit for fit in fits}
     field, best, alike = by_name["field lag of table 1"], fits[0], by_name[IN_PHASE]
+    # The share tells how often the best interpretation produces so large a spread.
     share = calc_exceedance_share(machine, best.reading, CORRECTED_M)
     words = (
         f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m "
@@ -289,6 +305,7 @@ def make_eq3_table() -> Table:
     for name, place in (
         ("10 m east", (10.0, 0.0)),
         ("10 m north", (0.0, 10.0)),
+        # 7.0711 m east and north are 10 m.
         ("10 m north-east", (7.0711, 7.0711)),
     ):
         there = plane.convert_to_deg(*place)
@@ -311,6 +328,7 @@ def make_eq3_table() -> Table:
 def make_drop_picture(machine: Machine) -> Picture:
     """Returns the picture of drop times."""
     speeds = [float(rpm) for rpm in DROP_S]
+    # 61 points draw the model's curve smoothly.
     rising = np.linspace(10.0, 70.0, 61)
     return Picture(
         "Table 3: drop time over shaft speed",
@@ -321,6 +339,7 @@ def make_drop_picture(machine: Machine) -> Picture:
             Line(
                 "single drops",
                 "other",
+                # Each single drop is a point above its shaft speed.
                 [float(rpm) for rpm, v in DROP_S.items() for _ in v],
                 [v for values in DROP_S.values() for v in values],
             ),
@@ -362,6 +381,7 @@ def make_lags_picture() -> Picture:
 
 def make_line_picture() -> Picture:
     """Returns figure 10, the line of the total lag."""
+    # The fitted line has no value above 70 r/min.
     speeds = [rpm for rpm in TOTAL_LAG_S if rpm <= 70]
     return Picture(
         "Figure 10: whole lag over shaft speed",
@@ -384,6 +404,7 @@ def make_line_picture() -> Picture:
 
 def make_gain_picture(gain: Table) -> Picture:
     """Returns the picture of the misses before and after the correction."""
+    # Column 7 has the misses after the correction with a position once a second.
     late = [float(row[7] or 0.0) for row in gain.rows]
     speeds = [float(rpm) for rpm in CORRECTION_GAIN_M]
     return Picture(

@@ -81,6 +81,7 @@ class Section(NamedTuple):
     claims: tuple[Claim, ...] = ()
 
 
+# The most frequent reason for a tolerance.
 ROUNDING_TEXT = "half of the last digit printed"
 
 
@@ -98,6 +99,7 @@ def compare_numbers(
 ) -> Claim:
     """Compares two numbers, which agree if they differ by at most `within`, for the reason
     `why`. `form`: format of both, with the unit."""
+    # The unit follows the number in the format, e.g. "{:.2f} m".
     unit = form.partition("}")[2].strip()
     return Claim(
         where,
@@ -105,6 +107,7 @@ def compare_numbers(
         form.format(published),
         form.format(obtained),
         how,
+        # The tolerance is widened by a share of 1e-9, so that rounding of floats decides nothing.
         abs(published - obtained) <= within * (1.0 + 1e-9),
         remark,
         f"{within:.3g}{' ' + unit if unit else ''}: {why}",
@@ -117,10 +120,12 @@ def make_claim_table(name: str, claims: Sequence[Claim]) -> Table:
     Raises ValueError for a copied number with a result, and for a verdict without a tolerance.
     """
     for claim in claims:
+        # An input that agrees with itself would look like a confirmation.
         if (claim.how is ResultOrigin.COPIED) != (not claim.obtained):
             raise ValueError(
                 f"{claim.where}, {claim.says}: obtained {claim.obtained!r} is {claim.how}"
             )
+        # A verdict without a tolerance cannot be verified.
         if (claim.agrees is None) != (not claim.within):
             raise ValueError(
                 f"{claim.where}, {claim.says}: agrees {claim.agrees}, within {claim.within!r}"
@@ -172,6 +177,7 @@ def summarise_claims(papers: Sequence[Section]) -> Section:
                 c.remark,
             )
             for c in paper.claims
+            # `is False` excludes claims that were not compared.
             if c.agrees is False
         ]
     rows, judged = (

@@ -21,6 +21,7 @@ from .page import (
 )
 from .published import MICROSTEP_RPM, POINT_DELAYS_S
 
+# The paper's spacings, m, and speeds around its limit, m/s.
 PLANT_SPACINGS_M = (0.2, 0.25, 0.3)
 TEST_SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 
@@ -105,6 +106,7 @@ def make_turning_picture() -> Picture:
 
 
 def simulate_placement(plants: int) -> tuple[Table, Picture]:
+    # The lag is that of the paper's dose of 120 degrees.
     """Returns the landing positions of simulated doses, as a table and a picture."""
     lag = calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
     rows = []
@@ -112,10 +114,13 @@ def simulate_placement(plants: int) -> tuple[Table, Picture]:
     for spacing in PLANT_SPACINGS_M:
         for speed in TEST_SPEEDS_MPS:
             cells: list[float] = []
+            # Both runs have the same seed, so that only the learned threshold differs.
             for learn in (False, True):
                 run = simulate_point_run(lag, spacing, speed, plants, 1, learn)
+                # The first third serves to learn and would blur the comparison.
                 size = np.abs(run.error_m[len(run.error_m) // 3 :])
                 cells += [float(np.median(size)), float(np.percentile(size, 95))]
+            # The share of the run with the learned threshold is kept.
             share = 100.0 * run.missed / plants
             missed.setdefault(spacing, []).append(share)
             rows.append((spacing, calc_max_speed_mps(spacing, lag.turn_s), speed, *cells, share))
@@ -151,6 +156,7 @@ def simulate_placement(plants: int) -> tuple[Table, Picture]:
 
 # Number of full steps of 1.8 degrees in a revolution.
 STEPS_PER_TURN = 200.0
+# Angle of a dose, shaft speed and height of fall in section 2.3 of the paper.
 TURN_DEG, SHAFT_RPM, FALL_M = 120.0, 99.8, 1.0
 
 
@@ -158,6 +164,7 @@ def fit_pulse_rate() -> float:
     """Returns the pulse rate that fits table 1 best, 1/s (least squares of relative errors)."""
     return float(
         np.mean([rpm * mode * STEPS_PER_TURN / 60.0 for mode, rpm in MICROSTEP_RPM.items()])
+        # Each mode gives an estimate of the pulse rate; their mean minimises relative errors.
     )
 
 
@@ -185,6 +192,7 @@ def list_points_claims(lag: PointLag) -> list[Claim]:
             "0.2 s",
             f"{TURN_DEG / SHAFT_RPM:.2f} s as printed; {lag.turn_s:.3f} s with the factor 6",
             ResultOrigin.RECOMPUTED,
+            # As printed the equation gives another value, so the claim does not hold.
             False,
             "as printed eq 3 lacks the factor 6 (degrees over r/min); section 2.3 used it",
             f"0.05 s: {ROUNDING_TEXT}",

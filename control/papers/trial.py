@@ -52,6 +52,7 @@ class TrialPlot(NamedTuple):
     @property
     def given_kg_ha(self) -> float | None:
         """Returns the applied rate by weighing, or by the log where nothing was weighed, kg/ha."""
+        # Scales come before the log, because they do not depend on the machine's own model.
         kg = self.logged_kg if self.weighed_kg is None else self.weighed_kg
         return None if kg is None else calc_weighed_rate(kg, self.area_m2)
 
@@ -77,6 +78,7 @@ class FieldTrial(NamedTuple):
 def make_trial_section(trial: FieldTrial, control: str | None = None) -> Section:
     """Returns the section of a trial. control: the treatment for comparison; None for the
     treatment with the least product. Raises ValueError."""
+    # A misspelt treatment would otherwise give an empty comparison.
     if control is not None and control not in trial.treatments:
         raise ValueError(f"--control {control}: allowed is one of {', '.join(trial.treatments)}")
     against = control or _find_least_product(trial)
@@ -90,6 +92,7 @@ def make_trial_section(trial: FieldTrial, control: str | None = None) -> Section
     return Section(
         "Trial",
         (frequency_words, *_describe_trial(trial, against)),
+        # A trial without weighing or yields has empty tables, which are omitted.
         tuple(table for table in tables if table.rows),
         _make_pictures(trial),
     )
@@ -100,6 +103,7 @@ def choose_plot_frequency(trial: FieldTrial) -> FrequencyChoice | None:
     plots = [_list_evenness(plot, trial.hz) for plot in trial.plots]
     try:
         return choose_frequency(plots, trial.hz)
+    # choose_frequency raises for too few readings; the page then states this.
     except ValueError:
         return None
 
@@ -111,6 +115,7 @@ def make_frequency_table(trial: FieldTrial) -> tuple[Table, str]:
     choice = choose_plot_frequency(trial)
     for k in range(HALVING_COUNT + 1):
         hz = trial.hz / 2**k
+        # A short plot has no reading at the lowest frequencies.
         there = [plot[hz] for plot in plots if hz in plot]
         if there:
             rows.append(
@@ -119,6 +124,7 @@ def make_frequency_table(trial: FieldTrial) -> tuple[Table, str]:
                     len(there),
                     float(np.mean([one.cv_percent for one in there])),
                     float(np.mean([one.cuc_percent for one in there])),
+                    # A frequency that some plot lacks has no comparable change.
                     None if choice is None else choice.departure.get(hz),
                 )
             )
@@ -158,6 +164,7 @@ def make_canopy_table(trial: FieldTrial) -> Table:
             )
             for plot in plots
         ]
+        # A single plot is its own mean.
         if len(plots) > 1:
             both = [
                 _combine_evenness([measure_evenness(part) for part in parts])
@@ -185,6 +192,7 @@ def make_canopy_table(trial: FieldTrial) -> Table:
 
 def _combine_evenness(parts: Sequence[Evenness]) -> Evenness:
     seen = [part for part in parts if part.n]
+    # A treatment without readings after the dressing shows empty cells.
     if not seen:
         return Evenness(0, *(float("nan"),) * 3)
     return Evenness(
@@ -216,6 +224,7 @@ def make_amount_table(trial: FieldTrial) -> Table:
     weighed masses show whether the log or the machine is wrong."""
 
     def percent(kg: float | None, of_kg: float | None) -> float | None:
+        # A target of 0, as in a control plot, has no percentage.
         return None if kg is None or not of_kg else 100.0 * (kg / of_kg - 1.0)
 
     rows = [
@@ -260,6 +269,7 @@ def make_yield_tables(trial: FieldTrial, control: str) -> tuple[Table, ...]:
     replicates.
     """
     means = {
+        # Samples are averaged by plot: plots are the replicates of the trial.
         name: [float(np.mean(plot.samples_kg_ha)) for plot in plots if plot.samples_kg_ha]
         for name, plots in trial.treatments.items()
     }
@@ -273,8 +283,10 @@ def make_yield_tables(trial: FieldTrial, control: str) -> tuple[Table, ...]:
         more, half = (
             _compare_means(means[name], means[control]) if name != control else (None, None)
         )
+        # Nitrogen and yield are compared with the same control, so their quotient is an efficiency.
         given = _calc_mean([plot.given_kg_ha for plot in plots])
         base = _calc_mean([plot.given_kg_ha for plot in trial.treatments[control]])
+        # Product becomes nitrogen by the product's share.
         more_n = None if given is None or base is None else (given - base) * trial.n_fraction
         share = (
             100.0 * more * trial.grain_n_kg_t / 1000.0 / more_n
@@ -287,6 +299,7 @@ def make_yield_tables(trial: FieldTrial, control: str) -> tuple[Table, ...]:
                 len(means[name]),
                 len(samples),
                 float(np.mean(means[name])),
+                # The CV needs at least two samples.
                 float(100.0 * samples.std(ddof=1) / samples.mean()) if len(samples) > 1 else None,
                 more,
                 half,
@@ -322,11 +335,14 @@ def _compare_means(
     if not ours or not others:
         return None, None
     more = float(np.mean(ours) - np.mean(others))
+    # With one plot the scatter between plots is unknown.
     if len(ours) < 2 or len(others) < 2:
         return more, None
     parts = [float(np.var(side, ddof=1)) / len(side) for side in (ours, others)]
+    # Without any scatter the interval has the width 0.
     if sum(parts) <= 0.0:
         return more, 0.0
+    # Degrees of freedom by Welch and Satterthwaite for unequal variances.
     freedom = sum(parts) ** 2 / sum(
         part**2 / (len(side) - 1) for part, side in zip(parts, (ours, others), strict=True)
     )
@@ -343,6 +359,7 @@ def _find_least_product(trial: FieldTrial) -> str:
         name: _calc_mean([plot.given_kg_ha for plot in plots])
         for name, plots in trial.treatments.items()
     }
+    # Treatments without a known amount come last.
     return min(means, key=lambda name: (means[name] is None, means[name] or 0.0))
 
 
@@ -356,12 +373,14 @@ def _describe_trial(trial: FieldTrial, control: str) -> list[str]:
         if plot.weighed_kg is not None and plot.target_kg
     ]
     if errors:
+        # The paper's own control errors stand next to the user's for scale.
         papers = [row[3] for row in APPLIED_AMOUNTS.values()]
         found.append(
             f"Control error of what was weighed: {np.mean(errors):+.2f} % in the mean, "
             f"{np.max(np.abs(errors)):.2f} % at most; the paper's are {np.mean(papers):+.2f} and "
             f"{max(papers):.2f} %."
         )
+    # Without a second plot a difference between treatments may be one between soils.
     single = [
         name
         for name, plots in trial.treatments.items()
@@ -383,6 +402,7 @@ def _make_pictures(trial: FieldTrial) -> tuple[Picture, ...]:
     )
     before, after = (
         [_replace_nan(measure_evenness(part).cv_percent) for part in parts]
+        # Both series use the order of the plots, whose numbers label the axis.
         for parts in ([plot.before for plot in trial.plots], [plot.after for plot in trial.plots])
     )
     pictures = [
@@ -427,6 +447,8 @@ def _make_pictures(trial: FieldTrial) -> tuple[Picture, ...]:
                         "ours",
                         [plot.given_kg_ha or 0.0 for plot in trial.plots if plot.samples_kg_ha],
                         [
+                            # The amount is an x value, so plots without yield are omitted from both
+                            # lists.
                             float(np.mean(plot.samples_kg_ha))
                             for plot in trial.plots
                             if plot.samples_kg_ha

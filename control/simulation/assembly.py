@@ -30,6 +30,7 @@ from .tractor import make_field_boundary
 
 def add_simulated_field(job: Job, machine: Machine) -> Job:
     """Returns the job with the rectangle of its simulated passes where it has no boundary."""
+    # A field of the job is never replaced.
     if job.field.boundary_m:
         return job
     corners = make_field_boundary(
@@ -68,17 +69,21 @@ def make_control_loop(
     Raises
     ------
     ValueError : headland or margins leave nothing of the field."""
+    # Without valves the whole machine is one strip.
     strips = [strip.right_m - strip.left_m for strip in machine.switched_strips] or [
         machine.geometry.working_width_m
     ]
+    # The middle of a strip keeps half of its width from every margin.
     boundary = job.field.make_spread_ground(0.5 * max(strips))
     fence = BoundaryAhead(boundary) if boundary is not None else None
     headland = (
         BoundaryAhead(_subtract_headland(job))
+        # A headland needs a field from whose edge it is measured.
         if fence is not None and job.field.headland_m > 0.0
         else None
     )
     points = None
+    # Plants may be given for a job whose source is changed to point later.
     if plants is not None or job.target.source is TargetSource.POINT:
         points = make_point_source(machine, job, plants, dose_errors)
     return ControlLoop(
@@ -103,6 +108,7 @@ def make_control_loop(
 def _subtract_headland(job: Job) -> Boundary:
     """Returns the field without its headland. Raises ValueError where nothing is left."""
     inner = Boundary(job.field.boundary_m, job.field.holes_m).inset_margin(job.field.headland_m)
+    # A headland wider than half the field leaves nothing to work on.
     if inner.is_empty:
         raise ValueError(
             f"job {job.id}: field.headland_m {job.field.headland_m:g}: leaves nothing of the field"
@@ -119,6 +125,7 @@ def make_point_source(
     dose = DoseOrder(job.target.dose_angle_deg, machine.set_points.shaft_rpm)
     shaft = machine.shaft
     lag = PointLag(
+        # A camera's pictures have a time, so its delay is part of the plant's position.
         0.0,
         shaft.dead_time_s + shaft.extra_dead_time_s,
         dose.angle_deg / (6.0 * dose.shaft_rpm),

@@ -25,6 +25,7 @@ from .plant import Plant, SensorReadings, Truth
 
 class MeasurementHold:
     """Holds the newest readings of the plant's sensors as measurements of the loop, as the
+    # A sensor that is slower than the tick keeps its last reading, as in the drivers.
     drivers do, without bytes."""
 
     def __init__(self, heads: int) -> None:
@@ -52,6 +53,7 @@ class MeasurementHold:
 
 
 # Least mass of a refill that the operator reports, kg.
+# Less is noise of the simulated scale.
 MIN_REFILL_KG = 5.0
 
 
@@ -79,22 +81,27 @@ def simulate_run(
         refill has held the work.
     doses : measures dose errors in point mode and reports them to the loop."""
     measuring = MeasurementHold(plant.machine.geometry.heads)
+    # Orders are sorted, because each tick takes only those that are due.
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
+    # The first readings come from a machine at rest.
     sensed = plant.advance_plant(DriveCommand(0.0, opening), False)
     operator = _SimulatedOperator() if orders is None else None
     for _ in range(round(seconds / plant.dt_s)):
+        # Orders are handled before the tick, as the worker does.
         while waiting and waiting[0][0] <= sensed.time_s:
             loop.handle_order(waiting.pop(0)[1])
         tick = loop.run_tick(measuring.take_readings(sensed))
         if operator is not None:
             operator.act_on_tick(tick, plant.truth, loop.handle_order)
+        # The target is that of the outlet's position, before the machine moves on.
         target = loop.find_target(tick.sensed.track_m)
         if doses is not None and tick.command.dose is not None and plant.truth is not None:
             doses.record_order(plant.truth.driven_m + loop.dose_ahead_m)
         sensed = plant.advance_plant(tick.command, tick.is_enabled)
         assert plant.truth is not None
         if doses is not None:
+            # The measured error reaches the loop as an operator's order.
             for error_m in doses.take_step(plant.truth, tick.row.state == State.WORKING):
                 loop.handle_order(Order(Do.DOSE_ERROR, round(error_m, 4)))
         yield SimulatedTick(tick, plant.truth, target.rate_kg_ha)
@@ -117,11 +124,14 @@ class _SimulatedOperator:
             return
         if state == State.OFF:
             order(Order(Do.READY))
+        # The operator starts when the machine moves, so that no material heaps up at standstill.
         elif state in (State.READY, State.HELD) and (tick.sensed.speed_mps or 0.0) > 0.6:
+            # An alarm that holds the work must be confirmed before READY.
             order(Order(Do.ACKNOWLEDGE, ""))
             if state == State.HELD:
                 order(Order(Do.READY))
             order(Order(Do.START))
+            # A second without orders lets the loop change its state.
             self._wait_s = now + 1.0
 
 
@@ -153,6 +163,7 @@ class RunRecord:
     # NDVI of the canopy at the outlets, mean over the working width.
     COLUMN_NAMES = (*RECORDED_COLUMNS, "ndvi")
 
+    # Rows are tuples, because an array of growing size would be copied each time.
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
         self._canopy: HeadRow | None = None

@@ -37,6 +37,7 @@ class TractorPath:
 
     def __init__(self, legs: list[PathLeg]) -> None:
         self._legs = legs
+        # Distances at which the legs begin make the search by bisection possible.
         self._begin_m: list[float] = [0.0]
         for leg in legs:
             self._begin_m.append(self._begin_m[-1] + leg.length_m)
@@ -44,6 +45,7 @@ class TractorPath:
 
     def find_pose(self, driven_m: float) -> TractorPose:
         """Returns the pose after a distance; beyond both ends the way continues straight."""
+        # Positions beyond both ends use the first or last leg.
         k = min(len(self._legs) - 1, max(0, bisect_right(self._begin_m, driven_m) - 1))
         leg = self._legs[k]
         along = driven_m - self._begin_m[k]
@@ -79,6 +81,7 @@ class TractorPath:
 
 def order_passes(passes: int) -> list[int]:
     """Returns the order of passes 0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in
+    # Turns between neighbouring passes would be narrower than a tractor can drive.
     time are three or four widths apart."""
     order: list[int] = []
     for block in range(0, passes, PASS_BLOCK):
@@ -96,6 +99,7 @@ def make_field_path(sim: Simulated, width_m: float, heading_deg: float) -> Tract
     to its right."""
     north = radians(heading_deg)
     ahead = (sin(north), cos(north))
+    # Right of the heading is 90 degrees clockwise.
     right = (cos(north), -sin(north))
 
     def place(along: float, across: float) -> tuple[float, float]:
@@ -106,6 +110,7 @@ def make_field_path(sim: Simulated, width_m: float, heading_deg: float) -> Tract
     for number, k in enumerate(order):
         up = number % 2 == 0
         across = (k + 0.5) * width_m
+        # Every pass begins outside the field, so that the machine is at speed at the edge.
         begin = -sim.run_in_m if up else sim.pass_length_m + sim.run_in_m
         course = heading_deg if up else (heading_deg + 180.0) % 360.0
         e, n = place(begin, across)
@@ -113,8 +118,10 @@ def make_field_path(sim: Simulated, width_m: float, heading_deg: float) -> Tract
         if number + 1 == len(order):
             break
         sideways = (order[number + 1] - k) * width_m
+        # On the way back left and right are exchanged.
         to_right = (sideways > 0.0) == up
         e, n = place(sim.pass_length_m + sim.run_in_m if up else -sim.run_in_m, across)
+        # A half circle over the distance of both passes has the length pi d / 2.
         legs.append(PathLeg(e, n, course, pi * abs(sideways) / 2.0, 180.0 if to_right else -180.0))
     return TractorPath(legs)
 
@@ -162,6 +169,7 @@ class TractorDriver:
     def advance_speed(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
         """Returns the speed at the end of the step, m/s; `kick`: a standard normal number."""
         self._time_s, self._stopped, self._dt_s = time_s + dt_s, stopped, dt_s
+        # The driver's acceleration limits both braking and accelerating.
         wanted, most = self._find_wanted_speed(time_s)
         if self._sim.speed_told == "drive":
             wander = self._draw_wander_ahead(dt_s)
@@ -184,6 +192,7 @@ class TractorDriver:
             round(k * ANNOUNCED_STEP_S, 3)
             for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))
         ]
+        # The announced speeds are those that the driver wants at each later time.
         aims = [self._find_wanted_speed(self._time_s + in_s) for in_s in steps]
         wander = [
             0.0
@@ -202,6 +211,7 @@ class TractorDriver:
 
     def _find_wanted_speed(self, time_s: float) -> tuple[float, float]:
         """Returns the driver's wanted speed, m/s, and acceleration, m/s2, at a time."""
+        # 0.5 m/s2 holds until a change of speed states another acceleration.
         wanted, most = self._sim.speed_kmh / 3.6, 0.5
         for change in self._changes:
             if change.at_s <= time_s:
@@ -211,6 +221,7 @@ class TractorDriver:
     def _advance_wander(self, before: float, kick: float, dt_s: float) -> float:
         share = self._sim.speed_wander_percent / 100.0
         return float(
+            # A first-order process with this step keeps the standard deviation at `share`.
             (1.0 - dt_s / WANDER_TAU_S) * before + share * (2.0 * dt_s / WANDER_TAU_S) ** 0.5 * kick
         )
 

@@ -21,6 +21,7 @@ class PlantList:
         degrees = np.asarray(lat_lon_deg, dtype=np.float64).reshape(-1, 2)
         self.places_m: Floats = plane.project_many_to_m(degrees[:, 0], degrees[:, 1])
         self.plane = plane
+        # The tree finds the plants near a machine among hundreds of thousands.
         self._tree = shapely.STRtree(shapely.points(self.places_m))
 
     def find_plants_ahead_m(
@@ -30,6 +31,7 @@ class PlantList:
         plants next to the strip are left out."""
         east, north = find_unit_vector(heading_deg)
         far = (place[0] + farthest_m * east, place[1] + farthest_m * north)
+        # A box around the way is a fast first selection; the exact strip follows.
         reach = shapely.box(
             min(place[0], far[0]) - half_width_m,
             min(place[1], far[1]) - half_width_m,
@@ -76,6 +78,7 @@ class PlantRow:
             place = plant.track_m + plant.ahead_m
             k = bisect_left(self.places_m, place)
             near = [
+                # Only the two neighbours of the place can be the same plant.
                 j
                 for j in (k - 1, k)
                 if 0 <= j < len(self.places_m) and abs(self.places_m[j] - place) < self.SAME_PLANT_M
@@ -83,7 +86,9 @@ class PlantRow:
             if near:
                 j = min(near, key=lambda i: abs(self.places_m[i] - place))
                 if self.places_m[j] > fixed_to_m:
+                    # A weighted mean lets the position improve without jumps.
                     self.places_m[j] += newer * (place - self.places_m[j])
+            # A plant behind the fixed place would come too late for a dose.
             elif place > fixed_to_m + self.SAME_PLANT_M:
                 self.places_m.insert(k, place)
 
@@ -99,6 +104,7 @@ class PlantRow:
 
     def find_next_m(self, place_m: float) -> float | None:
         """Returns the first plant beyond a place of the track."""
+        # 1e-9 m excludes the plant at the place itself.
         k = bisect_left(self.places_m, place_m + 1e-9)
         return self.places_m[k] if k < len(self.places_m) else None
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from .plants import PlantRow
 
+# Standard gravity, m/s2.
 GRAVITY_MPS2 = 9.80665
 
 
@@ -50,7 +51,11 @@ def calc_point_lag(
             "is above 0"
         )
     return PointLag(
-        vision_s, link_s, turn_deg / (6.0 * shaft_rpm), (2.0 * fall_m / GRAVITY_MPS2) ** 0.5
+        # 6 n degrees per second is the angular speed; sqrt(2 h / g) is the time of a free fall.
+        vision_s,
+        link_s,
+        turn_deg / (6.0 * shaft_rpm),
+        (2.0 * fall_m / GRAVITY_MPS2) ** 0.5,
     )
 
 
@@ -84,18 +89,22 @@ class DoseThreshold:
         """Returns the threshold at a speed, m. It is added to the lag distance, so that a dose
         that landed late is commanded earlier."""
         most = self._how.most_m
+        # The limit keeps a wrong measurement from shifting doses to the next plant.
         return min(most, max(-most, self.offset_m + self.delay_s * speed_mps))
 
     def learn_error(self, error_m: float, speed_mps: float, threshold_m: float) -> None:
         """Learns from one measured dose: its error, its speed and the threshold that it was
         commanded with. Outliers weigh less."""
         a, c, b = self._p
+        # Old doses lose weight, so that recent doses count more.
         keep = 1.0 - 1.0 / self._how.memory_doses
         a, c, b = a / keep, c / keep, b / keep
         along_a, along_b = a + c * speed_mps, c + b * speed_mps
         spread = along_a + along_b * speed_mps + self._how.error_sd_m**2
+        # The threshold in force when the dose was commanded is part of the measured error.
         missed = error_m + threshold_m - (self.offset_m + self.delay_s * speed_mps)
         limit = self._how.outlier_sd * spread**0.5
+        # An outlier counts as an error at the limit, so that a mistyped value does little harm.
         missed = min(limit, max(-limit, missed))
         self.offset_m += along_a / spread * missed
         self.delay_s += along_b / spread * missed
@@ -104,6 +113,7 @@ class DoseThreshold:
             c - along_a * along_b / spread,
             b - along_b * along_b / spread,
         )
+        # Forgetting must not make the variances larger than the prior ones.
         share = min(1.0, self._how.offset_sd_m**2 / a, self._how.delay_sd_s**2 / b)
         self._p = (share * a, share * c, share * b)
         self.doses += 1
@@ -166,18 +176,22 @@ class PointMode:
         longer be met."""
         doses: list[PlannedDose] = []
         missed: list[MissedPlant] = []
+        # A standing machine meets no plant, and the division below needs a speed.
         if speed_mps <= 0.0:
             return doses, missed
         threshold = self.threshold.find_threshold_m(speed_mps)
         reach = self.lag.find_distance_m(speed_mps) + threshold
         while (plant := self.row.find_next_m(self._done_to_m)) is not None:
             in_s = (plant - track_m - reach) / speed_mps
+            # Plants further away wait for a later tick with a newer position.
             if in_s >= period_s:
                 break
             late_m = max(0.0, -in_s * speed_mps)
             begin = now_s + max(0.0, in_s)
+            # A shaft that is still turning for the plant before delays the dose.
             wait_m = max(0.0, self._free_s - begin) * speed_mps
             self._done_to_m = plant
+            # A dose that lands too late feeds no plant and would waste product.
             if late_m + wait_m > self._latest_m:
                 missed.append(MissedPlant(plant, "busy" if wait_m > late_m else "passed"))
                 continue

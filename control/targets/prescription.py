@@ -23,6 +23,7 @@ MIN_STRETCH_M = 0.25
 PROBES_PER_SIDE = 100
 # Smaller ground is rounding of corners, m2.
 MIN_GROUND_M2 = 0.01
+# 111,200 m is the length of a degree of latitude, so the limit is the same ground in degrees.
 MIN_GROUND_DEG2 = MIN_GROUND_M2 / 111_200.0**2
 # Shorter ground without a rate between ground with rates is a sliver between polygons, m.
 MIN_GAP_M = 0.5
@@ -76,6 +77,7 @@ class MapData:
     product: str = ""
 
     def __post_init__(self) -> None:
+        # Exactly one of both must be given: otherwise two sources could contradict each other.
         if bool(self.zones) == (self.grid is not None):
             raise ValueError("a prescription holds zones or a grid: allowed is one of them")
 
@@ -87,6 +89,7 @@ class MapData:
             if self.grid is None
             else self.grid.rate_kg_ha
         )
+        # NaN compares as false and drops out; infinite rates are refused elsewhere.
         return [float(rate) for rate in np.unique(rates[rates > 0.0]) if np.isfinite(rate)]
 
     @property
@@ -100,6 +103,7 @@ class MapData:
                 self.grid.south_deg + rows * self.grid.cell_lat_deg,
                 self.grid.west_deg + columns * self.grid.cell_lon_deg,
             )
+        # The outline alone bounds a zone, because holes lie inside.
         corners = np.concatenate([zone.rings_deg[0] for zone in self.zones])
         (south, west), (north, east) = corners.min(axis=0), corners.max(axis=0)
         return float(south), float(west), float(north), float(east)
@@ -126,6 +130,7 @@ class Prescription:
         self._rates = rates
         self._fields = tuple(fields)
         self.fallbacks = fallbacks
+        # The targets of the fallbacks are made once: the loop asks for them in every tick.
         self.lost = Target(fallbacks.lost_kg_ha, TargetSource.FALLBACK)
         self._default = Target(fallbacks.default_kg_ha, TargetSource.FALLBACK)
         self._outside = Target(fallbacks.outside_kg_ha, TargetSource.FALLBACK)
@@ -143,7 +148,9 @@ class Prescription:
         """Returns the targets at places (n, 2), m."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         rates = self._rates.find_rates(points)
+        # The sum is finite only if both coordinates are.
         known = np.isfinite(points[:, 0] + points[:, 1])
+        # Without a field every place counts as inside, and the map's edge decides.
         inside = np.full(len(points), not self._fields, dtype=np.bool_)
         for field in self._fields:
             np.logical_or(inside, field.contains_places(points), out=inside)
@@ -151,6 +158,7 @@ class Prescription:
         for k, rate in enumerate(rates.tolist()):
             if not known[k]:
                 found.append(self.lost)
+            # A rate that differs from itself is NaN, i.e. the map has none there.
             elif not inside[k] or (rate != rate and not self._fields):
                 found.append(self._outside)
             else:
@@ -175,6 +183,7 @@ class Prescription:
     def has_rate_in(self, field: Boundary) -> bool:
         """Returns whether the map has a rate somewhere in a field, probed on a raster of
         `PROBES` by `PROBES` places."""
+        # The raster covers the field's bounding box; places outside the field are skipped.
         west, south, east, north = field.shape.bounds
         places = np.stack(
             np.meshgrid(
@@ -195,13 +204,17 @@ class Prescription:
         A target begins where the line crosses the edge of a cell or zone, or of the field, which
         cuts the border cells (lag paper, eq 4 and 5, by vectors). Stretches below SHORTEST_M and
         gaps below GAP_M are divided between their neighbours."""
+        # Rates can change only where the line crosses an edge of a cell, a zone or a field.
         meets = [self._rates.find_crossings_m(start, heading_deg, farthest_m)]
         meets += [
             np.array(field.find_crossings_m(*start, heading_deg, farthest_m))
             for field in self._fields
         ]
         edges = np.concatenate(([0.0], np.unique(np.concatenate(meets)), [farthest_m]))
+        # Edges at the same distance would give a stretch of length 0.
         edges = edges[np.append(True, np.diff(edges) > 0.0)]
+        # The middle of a stretch is away from the edges, where rounding could choose the wrong
+        # cell.
         middles = 0.5 * (edges[:-1] + edges[1:])
         targets = self.find_targets(
             np.asarray(start) + middles[:, None] * np.asarray(find_unit_vector(heading_deg))
@@ -210,6 +223,8 @@ class Prescription:
         for begin, end, target in zip(
             edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True
         ):
+            # Neighbouring stretches with equal targets are joined, so that no change without a
+            # difference is made.
             if pieces and pieces[-1].target == target:
                 begin = pieces.pop().begin_m
             pieces.append(_ZonePiece(begin, end, target))
@@ -217,11 +232,13 @@ class Prescription:
             k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)
         ]
         stretches: list[TargetAhead] = []
+        # If all stretches are slivers, the first one is kept: a line always has a target.
         for before, k in zip([None, *long], long or [0], strict=False):
             if not stretches or before is None:
                 stretches = [TargetAhead(0.0, pieces[k].target)]
             elif pieces[k].target != stretches[-1].target:
                 stretches.append(
+                    # A removed sliver is divided at its middle between its neighbours.
                     TargetAhead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target)
                 )
         return stretches
@@ -236,6 +253,7 @@ class _ZonePiece(NamedTuple):
 def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
     """Returns whether a piece is too short to count; a gap in the map counts only where it does
     not lie between two others."""
+    # A gap between polygons is a drawing error; in front of the map it is real.
     least = MIN_GAP_M if between and piece.target.source is TargetSource.FALLBACK else MIN_STRETCH_M
     return piece.end_m - piece.begin_m < least
 
@@ -281,10 +299,12 @@ def project_rates(data: MapData, plane: TangentPlane) -> RateMap:
 
 def project_zone_rings(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats]]:
     """Returns the rings of every zone on the plane, m; all corners are projected at once."""
+    # All rings are projected in one call, because a map can have thousands.
     flat = [ring for zone in zones for ring in zone.rings_deg]
     corners = np.concatenate(flat)
     places = np.split(
         plane.project_many_to_m(corners[:, 0], corners[:, 1]),
+        # Each ring's length marks where the next ring begins.
         np.cumsum([len(ring) for ring in flat])[:-1],
     )
     rings = iter(places)
@@ -309,11 +329,14 @@ def calc_rate_shares(data: MapData) -> tuple[RateShare, ...]:
     ground = find_rated_ground(data, plane)
     areas = ground.areas_m2
     if data.fields_deg:
+        # The union prevents ground in two overlapping fields from counting twice.
         areas = ground.calc_areas_inside_m2(
             shapely.union_all([field.shape for field in project_fields(data, plane)])
         )
+    # Rounding leaves slivers of no area, which would appear as rates of the map.
     counts = areas > MIN_GROUND_M2
     levels, which = np.unique(ground.rates[counts], return_inverse=True)
+    # 10,000 m2 are a hectare.
     by_rate = np.bincount(which, weights=areas[counts], minlength=len(levels)) / 10_000.0
     return tuple(
         RateShare(float(rate), float(ha), float(rate * ha))
@@ -347,7 +370,9 @@ class RatedGround(NamedTuple):
     def calc_areas_inside_m2(self, field: shapely.Geometry) -> Floats:
         """Returns the areas (n,) inside a field, m2."""
         shapes, areas = self._make_shapes(), self.areas_m2.copy()
+        # A prepared geometry answers thousands of tests faster.
         shapely.prepare(field)
+        # Only shapes that cross the field's edge need the slow intersection.
         cut = np.flatnonzero(~shapely.contains_properly(field, shapes))
         areas[cut] = shapely.area(shapely.intersection(shapes[cut], field))
         return areas
@@ -362,6 +387,7 @@ def find_rated_ground(data: MapData, plane: TangentPlane) -> RatedGround:
     as in `ZoneMap`."""
     if data.grid is not None:
         rates = data.grid.rate_kg_ha.ravel()
+        # Cells without a rate are no ground of the map.
         known = np.isfinite(rates)
         rings = _make_cell_rings(data.grid, plane)[known]
         return RatedGround(rates[known], _calc_ring_areas(rings), None, rings, 0.0)
@@ -381,14 +407,17 @@ def separate_zones(zones: Sequence[Zone]) -> tuple[Zone, ...]:
     own, _ = _subtract_earlier(shapes, MIN_GROUND_DEG2)
     found: list[Zone] = []
     for zone, before, now in zip(zones, shapes, own, strict=True):
+        # An unchanged zone keeps its original corners.
         if now is before:
             found.append(zone)
             continue
         for part in shapely.get_parts(now):
+            # Lines and points are left by touching edges and have no area.
             if part.geom_type == "Polygon" and part.area > MIN_GROUND_DEG2:
                 rings = (part.exterior, *part.interiors)
                 found.append(
                     zone._replace(
+                        # Zones are stored with open rings; shapely repeats the first corner.
                         rings_deg=tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
                     )
                 )
@@ -417,11 +446,13 @@ def merge_zones(zones: Sequence[Zone], step_kg_ha: float) -> MergedZones:
         make_polygons([zone.rings_deg for zone in own]),
         np.array([zone.rate_kg_ha for zone in own]),
     )
+    # Rates that round to the same multiple of the step are merged.
     areas, levels = shapely.area(shapes), np.round(rates / step_kg_ha)
     found: list[Zone] = []
     new = np.empty(len(own))
     for level in np.unique(levels):
         here = levels == level
+        # A zone without area would divide by zero; the addition is too small to change a mean.
         rate = float(np.average(rates[here], weights=areas[here] + MIN_GROUND_DEG2))
         new[here] = rate
         parts = [
@@ -447,15 +478,18 @@ def _subtract_earlier(
 ) -> tuple[npt.NDArray[np.object_], float]:
     """Returns the shapes without ground that an earlier one covers, and the area in more than
     one; an overlap below `least` is ignored."""
+    # The tree finds candidate pairs without comparing all zones with each other.
     tree = shapely.STRtree(shapes)
     pairs = np.concatenate(
         [tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1
     )
+    # Each pair occurs twice; only the later zone loses ground.
     later, earlier = pairs[:, pairs[0] > pairs[1]]
     counts = shapely.area(shapely.intersection(shapes[later], shapes[earlier])) > least
     later, earlier = later[counts], earlier[counts]
     own, shared = shapes.copy(), []
     for k in np.unique(later).tolist():
+        # All earlier zones are united first, so that shared ground is subtracted once.
         before = shapely.union_all(shapes[np.unique(earlier[later == k])])
         shared.append(shapely.intersection(shapes[k], before))
         own[k] = shapely.difference(shapes[k], before)
@@ -478,6 +512,7 @@ def _make_cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
 
 def _calc_ring_areas(rings: Floats) -> Floats:
     """Returns the areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
+    # Half of the cross product of both diagonals is the area of a quadrilateral.
     one, other = rings[:, 2] - rings[:, 0], rings[:, 3] - rings[:, 1]
     return np.asarray(
         0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]), dtype=np.float64

@@ -50,6 +50,7 @@ class ConstantProfile:
     def find_next_change(
         self, after_m: float, before_m: float, holding: Target
     ) -> TargetChange | None:
+        # A constant target changes at once or never.
         return TargetChange(after_m, self.target) if holding != self.target else None
 
 
@@ -58,6 +59,7 @@ class DecidedStretches:
     reach the fallback holds."""
 
     # Stretches farther back than this are dropped, m.
+    # The machine never asks for ground so far behind it.
     WAY_KEPT_M = 60.0
 
     def __init__(
@@ -82,6 +84,7 @@ class DecidedStretches:
     ) -> None:
         """Appends a decision for [from_m, to_m). It replaces the overlapping part of an earlier
         one."""
+        # A newer decision has seen the ground more recently and replaces the older one.
         while self._from and self._from[-1] >= from_m:
             self._from.pop()
             self._to.pop()
@@ -91,6 +94,7 @@ class DecidedStretches:
         self._from.append(from_m)
         self._to.append(to_m)
         self._target.append(Target(rate_kg_ha, source))
+        # One stretch is removed for each that is added, so the list stays short.
         if self._to[0] < from_m - self.WAY_KEPT_M:
             del self._from[0], self._to[0], self._target[0]
 
@@ -104,6 +108,7 @@ class DecidedStretches:
         fallback."""
         if not self._from:
             return self.fallback
+        # The lists are sorted by place, so bisection finds the stretch.
         k = bisect_right(self._from, place_m) - 1
         if k >= 0 and place_m < self._to[k]:
             return self._target[k]
@@ -111,6 +116,7 @@ class DecidedStretches:
         ahead = self._from[k + 1] - place_m if k + 1 < len(self._from) else float("inf")
         if behind >= self.reach_m and ahead > (self.reach_m if k >= 0 else self._first_reach_m):
             return self.fallback
+        # Between two stretches the nearer one counts.
         return self._target[k] if behind < ahead else self._target[k + 1]
 
     def find_next_change(
@@ -127,6 +133,7 @@ class DecidedStretches:
     def _iterate_edges(self, after_m: float) -> Iterator[float]:
         """Yields every place from `after_m` on where the target may change, rising, `after_m`
         itself first."""
+        # The place itself comes first, since the target may differ from the held one already.
         yield after_m
         k = max(0, bisect_right(self._from, after_m) - 1)
         if self._from and self._from[0] - self._first_reach_m > after_m:
@@ -136,6 +143,8 @@ class DecidedStretches:
             gap, behind_m = following - self._to[j], self._to[j] + self.reach_m
             places = (
                 (behind_m, following - self.reach_m)
+                # In a gap that is wider than both reaches the fallback holds; else the middle is
+                # the edge.
                 if gap > 2.0 * self.reach_m
                 else ((self._to[j] + 0.5 * gap,) if gap > 0.0 else ())
             )
@@ -161,6 +170,7 @@ class UnspreadProfile:
     ) -> TargetChange | None:
         if after_m >= self._to_m:
             return self._inner.find_next_change(after_m, before_m, holding)
+        # Flow must stop at once on ground that already has material.
         if holding.rate_kg_ha > 0.0:
             return TargetChange(after_m, self._nothing)
         return (

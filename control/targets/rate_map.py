@@ -64,6 +64,8 @@ class MapFrame(NamedTuple):
 
 
 def _evaluate_quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
+    # The order of evaluation needs the fewest products, because this runs for each place of each
+    # tick.
     a, b, c, d, f, g = factors
     return np.asarray(a + e * (b + d * e + f * n) + n * (c + g * n), dtype=np.float64)
 
@@ -83,6 +85,7 @@ def make_frame_m(
     Raises
     ------
     ValueError : a cell is not above 0."""
+    # A cell without size would divide by zero below.
     if not (cell_east_m > 0.0 and cell_north_m > 0.0):
         raise ValueError(f"cell {cell_east_m:g} x {cell_north_m:g} m: allowed is above 0")
     ahead, right = find_unit_vector(heading_deg), find_unit_vector(heading_deg + 90.0)
@@ -124,6 +127,7 @@ def make_frame_deg(
     row, column = (
         values.ravel()
         for values in np.meshgrid(
+            # Five points on each side determine six factors and leave enough to average rounding.
             np.linspace(0.0, rows, _FRAME_POINTS_PER_SIDE),
             np.linspace(0.0, columns, _FRAME_POINTS_PER_SIDE),
         )
@@ -131,6 +135,7 @@ def make_frame_deg(
     east, north = plane.project_many_to_m(
         south_deg + row * cell_lat_deg, west_deg + column * cell_lon_deg
     ).T
+    # Scaling to about 1 keeps the least squares well conditioned.
     size = max(1.0, float(np.abs((east, north)).max()))
     e, n = east / size, north / size
     terms = np.column_stack((np.ones_like(e), e, n, e * e, e * n, n * n))
@@ -153,6 +158,7 @@ class GridMap:
 
     @property
     def cell_m(self) -> float:
+        # The frame's factors are cells per metre, so their inverse is the size of a cell.
         return 1.0 / max(math.hypot(*self.frame.column[1:3]), math.hypot(*self.frame.row[1:3]))
 
     def find_rates(self, places: npt.ArrayLike) -> Floats:
@@ -160,6 +166,7 @@ class GridMap:
         column, row = self.frame.find_cells(points[:, 0], points[:, 1])
         rows, columns = self.rate_kg_ha.shape
         inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
+        # Places outside the grid keep NaN, which means no rate.
         found = np.full(len(points), np.nan)
         found[inside] = self.rate_kg_ha[
             row[inside].astype(np.int64), column[inside].astype(np.int64)
@@ -173,6 +180,7 @@ class GridMap:
         if not len(row):
             return math.inf
         at = (
+            # A metre east and a metre north give the frame's local slope.
             np.array([place[0], place[0] + 1.0, place[0]]),
             np.array([place[1], place[1], place[1] + 1.0]),
         )
@@ -182,6 +190,7 @@ class GridMap:
             np.array([np.diff(columns[:2]), columns[2] - columns[:1]]).T,
             np.array([np.diff(rows[:2]), rows[2] - rows[:1]]).T,
         )
+        # Cells become metres by the inverse of the local slope.
         metres = np.linalg.solve(np.concatenate(per_m), cells)
         return float(np.hypot(*metres).min())
 
@@ -212,10 +221,12 @@ def _list_step_shares(ends: Floats, count: int) -> Floats:
     """Returns the shares of the way between two ends at which whole numbers from 0 to `count`
     are met."""
     begin, end = float(ends[0]), float(ends[1])
+    # A line along a column crosses none of its edges.
     if begin == end:
         return np.zeros(0)
     low, high = max(0, math.ceil(min(begin, end))), min(count, math.floor(max(begin, end)))
     share = (np.arange(low, high + 1, dtype=np.float64) - begin) / (end - begin)
+    # The start itself is no crossing ahead.
     return np.asarray(share[share > 0.0], dtype=np.float64)
 
 
@@ -233,14 +244,17 @@ class ZoneMap:
             )
         self.shapes = make_polygons(rings)
         self.cell_m = math.inf
+        # Edges and tree are made once, since every tick asks for crossings.
         self._edges = shapely.boundary(self.shapes)
         self._tree = shapely.STRtree(self.shapes)
 
     def find_rates(self, places: npt.ArrayLike) -> Floats:
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+        # An index past the last zone stands for "no zone" and reads NaN below.
         none = len(self.rate_kg_ha)
         point, zone = self._tree.query(shapely.points(points), predicate="intersects")
         first = np.full(len(points), none)
+        # The smallest index wins, because the first zone in order holds.
         np.minimum.at(first, point, zone)
         return np.asarray(np.append(self.rate_kg_ha, np.nan)[first], dtype=np.float64)
 
@@ -254,10 +268,12 @@ class ZoneMap:
         east, north = find_unit_vector(heading_deg)
         end = (start[0] + farthest_m * east, start[1] + farthest_m * north)
         line = shapely.linestrings([start, end])
+        # Most lines meet few zones; the tree saves the exact intersection with all others.
         met = self._tree.query(line)
         if not len(met):
             return np.zeros(0)
         corners = shapely.get_coordinates(shapely.intersection(self._edges[met], line))
+        # The component along the heading is the distance ahead.
         ahead = (corners[:, 0] - start[0]) * east + (corners[:, 1] - start[1]) * north
         return np.asarray(ahead[(ahead > 0.0) & (ahead <= farthest_m)], dtype=np.float64)
 
@@ -266,9 +282,11 @@ def make_polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
     """Returns shapes (zones,) of outlines with holes; outlines that cross themselves are
     replaced by what they enclose."""
     shapes = make_polygons_as_drawn(rings)
+    # Valid outlines, nearly all, are not touched.
     wrong = np.flatnonzero(~shapely.is_valid(shapes))
     crossing = wrong[are_self_crossing(shapes[wrong])]
     shapes[wrong] = _repair_touching(shapes[wrong])
+    # A crossing outline is rebuilt from its corners as drawn.
     shapes[crossing] = shapely.make_valid(make_polygons_as_drawn([rings[k] for k in crossing]))
     return shapes
 
@@ -295,6 +313,7 @@ def make_polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.
     flat = [ring for zone in rings for ring in zone]
     if not flat:
         return np.zeros(0, dtype=object)
+    # All rings are built in one call; indices assign corners to rings and rings to zones.
     lines = shapely.linearrings(
         np.concatenate(flat), indices=np.repeat(np.arange(len(flat)), [len(r) for r in flat])
     )
