@@ -219,6 +219,7 @@ def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> st
     )
 
 
+# Number of groups of channels that are judged in parallel.
 PARALLEL_GROUPS = 2
 
 
