@@ -72,8 +72,9 @@ class Signal(NamedTuple):
 
 _EPOCH = ValidFor(
     1.0,
-    safety_s=0.5,
-    reason="A log keeps the epochs of a receiver at 1 Hz. Safety and control take 2.5 of its own "
+    0.5,
+    0.5,
+    "A log keeps the epochs of a receiver at 1 Hz. Safety and control take 2.5 of its own "
     "periods where that is longer.",
 )
 _DRIVE = ValidFor(0.5, 0.5, 0.5)
@@ -104,11 +105,11 @@ _EFFORT = Signal(
     3,
     plausible=(-1000.0, 1000.0),
     possible=(-1000.0, 1000.0),
-    valid_for=_DRIVE,
+    valid_for=ValidFor(0.5, 0.5),
     group="effort",
     shown_decimals=1,
-    meaning="how hard the drive of the metering shaft, or of the gate, works; empty where it does "
-    "not tell",
+    meaning="how hard the drive of the metering shaft, or of the gate, works, in the machine "
+    "file's `effort_unit`: % of full duty, A, or N m; empty where it does not tell",
 )
 _SHAFT = Signal("r/min", plausible=(-1e5, 1e5), group="shaft", shown_as="shaft", losses=("shaft",))
 _OPENING = Signal(
@@ -129,7 +130,8 @@ class LogRow(NamedTuple):
             3,
             term_label=N_("time"),
             other_names="time t t_s timestamp_s seconds elapsed_s",
-            meaning="since the log began, strictly increasing",
+            meaning="since the log began, strictly increasing; 6 decimals where two rows fall into "
+            "one millisecond",
         ),
     ]
     utc: Annotated[

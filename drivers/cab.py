@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from topdress.control.readings import (
+    SENSED_COLUMNS,
     DoseOrder,
     DriveCommand,
     GnssFix,
@@ -464,17 +465,7 @@ class Cab:
 
 
 # Names of the readings that the slave board contributes to `Measurements`.
-BOARD_READINGS = (
-    "wheel_speed_mps",
-    "shaft_rpm",
-    "opening_mm",
-    "hopper_kg",
-    "supply_v",
-    "pitch_deg",
-    "roll_deg",
-    "shaft_effort",
-    "gate_effort",
-)
+BOARD_READINGS = tuple(name for name in SENSED_COLUMNS if name in BoardReadings._fields)
 # Time for which a state of the work switch is valid, s: ten status lines at 20 a second.
 WORK_SWITCH_VALID_S = 0.5
 # Time for which a dose waits for the board to finish the previous dose, s.

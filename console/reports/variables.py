@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.console.locale import N_, _
+from topdress.control.signals import SIGNALS
 
 
 class NamedVariable(NamedTuple):
@@ -19,13 +20,14 @@ class NamedVariable(NamedTuple):
         return f"{_(self.name)}, {_(self.unit)}" if self.unit else _(self.name)
 
 
+# Numbers of a log are shown by their declared names, but a model's variable may be another number
+# than the column of its name (a command) and needs a sign's meaning.
 RUN_VARIABLES = {
+    **{name: NamedVariable(one.label, one.unit) for name, one in SIGNALS.items() if one.term_label},
     "shaft_rpm": NamedVariable(N_("shaft speed commanded"), "r/min"),
     "opening_mm": NamedVariable(N_("opening commanded"), "mm"),
-    "supply_v": NamedVariable(N_("supply"), "V"),
     "pitch_deg": NamedVariable(N_("pitch"), N_("degrees nose up")),
     "roll_deg": NamedVariable(N_("roll"), N_("degrees right side down")),
-    "hopper_kg": NamedVariable(N_("hopper"), "kg"),
     "speed_mps": NamedVariable(N_("ground speed"), "m/s"),
     "heading_deg": NamedVariable(N_("heading"), N_("degrees")),
     "time_s": NamedVariable(N_("time"), "min"),

@@ -111,7 +111,7 @@ class Sensed(NamedTuple):
 @dataclass(frozen=True)
 class SensingLimits:
     # Minimum time until GNSS is silent, s.
-    gnss_silent_s: float = 0.5
+    gnss_silent_s: float = find_valid_for("speed_mps").control_s
     gnss_silent_periods: float = 2.5
     # Maximum standard deviation of a dead-reckoned position, m; 0 means `DEAD_RECKONING_S` alone.
     reckoned_m: float = 0.0

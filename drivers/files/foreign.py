@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, SPEED_COLUMNS
+from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.recordings.mended import mend_recording, mend_values
 from topdress.control.recordings.speeds import KMH_PER_MPS
 from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
+from topdress.control.signals import SIGNALS
 from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.header_names import RenamedHeader
 from topdress.drivers.files.header_names import rename_header as renamed
@@ -30,36 +31,28 @@ _MAX_NUMBER_SHARE = 0.5
 _KMH_COLUMN = "speed_kmh"
 
 
-class _ColumnUse(NamedTuple):
-    """Names columns and the result that is lost without them. If `all_needed` is False, one of them
-    is enough."""
+class _Loss(NamedTuple):
+    """Names a result, and whether a log that lacks one of its columns lacks the result; otherwise
+    one of the columns is enough."""
 
-    columns: tuple[str, ...]
-    # False means that one of the columns is enough.
-    all_needed: bool
-    without: str
+    result: str
+    all_needed: bool = True
 
 
-# The order is that of the messages.
-_COLUMN_USES = (
-    _ColumnUse(
-        ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
-    ),
-    _ColumnUse(SPEED_COLUMNS, False, "no rates and no lag distance"),
-    _ColumnUse(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
-    _ColumnUse(
-        ("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS),
-        False,
-        "canopy mode cannot be replayed and the heads cannot be diagnosed",
-    ),
-    _ColumnUse(("target_rate_kg_ha",), True, "no rate error"),
-    _ColumnUse(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),
-    _ColumnUse(("opening_mm_cmd", "opening_mm"), True, "the gate stage cannot be diagnosed"),
-    _ColumnUse(("hopper_kg",), True, "the flow and scale stages cannot be diagnosed"),
-    _ColumnUse(("supply_v",), True, "effects of the supply voltage cannot be found"),
-    _ColumnUse(("pitch_deg",), True, "effects of slopes cannot be found"),
-    _ColumnUse(("state",), True, "working and not working rows cannot be told apart"),
-)
+# The keys are those of `Signal.losses`; the order is that of the messages.
+LOSSES = {
+    "place": _Loss("no map and no place; map and point mode cannot be replayed"),
+    "rates": _Loss("no rates and no lag distance", False),
+    "speed": _Loss("the speed stage cannot be diagnosed"),
+    "canopy": _Loss("canopy mode cannot be replayed and the heads cannot be diagnosed", False),
+    "target": _Loss("no rate error"),
+    "shaft": _Loss("the shaft stage cannot be diagnosed"),
+    "gate": _Loss("the gate stage cannot be diagnosed"),
+    "flow": _Loss("the flow and scale stages cannot be diagnosed"),
+    "supply": _Loss("effects of the supply voltage cannot be found"),
+    "slope": _Loss("effects of slopes cannot be found"),
+    "state": _Loss("working and not working rows cannot be told apart"),
+}
 
 
 def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
@@ -138,13 +131,14 @@ def _report_missing(columns: Columns, names: Collection[str]) -> list[Finding]:
         if name not in columns or not _is_empty_column(columns, name)
     }
     findings = []
-    for use in _COLUMN_USES:
-        absent = [name for name in use.columns if name not in known]
+    for key, loss in LOSSES.items():
+        needed = [name for name, one in SIGNALS.items() if key in one.losses]
+        absent = [name for name in needed if name not in known]
         # Columns that may replace each other are missing only if all are missing.
-        if absent and (use.all_needed or len(absent) == len(use.columns)):
+        if absent and (loss.all_needed or len(absent) == len(needed)):
             text = (
-                f"no {' and no '.join(absent) if use.all_needed else ' or '.join(absent)}: "
-                f"{use.without}"
+                f"no {' and no '.join(absent) if loss.all_needed else ' or '.join(absent)}: "
+                f"{loss.result}"
             )
             findings.append(Finding("missing", text, absent[0]))
     return findings

@@ -191,7 +191,7 @@ def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path])
         ("Geschwindigkeit", "speed"),
         ("Dosierwelle Drehzahl", "shaft"),
         ("Roller", "shaft"),
-        ("Roll [deg]", "roll"),
+        ("Roll [deg]", "roll_deg"),
         ("leftSpeedRpm", "shaft"),
         ("排肥轴转速(r/min)", "shaft"),
         ("Ausbringmenge Soll kg/ha", "rate"),
@@ -199,7 +199,7 @@ def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path])
         ("Vitesse (km/h)", "speed"),
         ("Öffnung [mm]", "gate"),
         ("Radgeschwindigkeit", "wheel speed"),
-        ("GPS Quality", "fix"),
+        ("GPS Quality", "fix_quality"),
         ("Gewicht t", "hopper"),
     ],
 )

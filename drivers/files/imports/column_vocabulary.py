@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable
 from functools import cache
 from typing import NamedTuple
 
+from topdress.control.signals import SIGNALS
 from topdress.drivers.files.imports.units import find_quantity
 
 # Number of letters of a name that a shapefile keeps.
@@ -65,41 +66,17 @@ COLUMN_SUBJECTS = (
         ),
     ),
     ColumnSubject("altitude", (_split_words("altitude =alt elevation hohe 海拔 高程"),)),
-    ColumnSubject(
-        "latitude",
-        (_split_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),),
-        "lat_deg",
-    ),
-    ColumnSubject(
-        "longitude",
-        (_split_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),),
-        "lon_deg",
-    ),
-    ColumnSubject("ndvi", (_split_words("ndvi"),), "ndvi"),
-    ColumnSubject("hdop", (_split_words("hdop"),), "hdop"),
-    ColumnSubject(
-        "satellites", (_split_words("satellite satellit =sats =nsat 卫星"),), "satellites"
-    ),
-    ColumnSubject(
-        "fix",
-        (_split_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),),
-        "fix_quality",
-    ),
-    ColumnSubject(
-        "heading",
-        (_split_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),),
-        "heading_deg",
-        never=_split_words("error target soll"),
-    ),
-    ColumnSubject(
-        "pitch", (_split_words("=pitch langsneigung steigung 俯仰 纵坡 坡度"),), "pitch_deg"
-    ),
-    ColumnSubject("roll", (_split_words("=roll querneigung 横滚 侧倾 横坡"),), "roll_deg"),
-    ColumnSubject(
-        "supply",
-        (_split_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),),
-        "supply_v",
-        quantities=("voltage",),
+    # A column of which a name needs one word is declared with its words.
+    *(
+        ColumnSubject(
+            column,
+            (_split_words(one.words),),
+            column,
+            never=_split_words(one.excluding_words),
+            quantities=one.quantities,
+        )
+        for column, one in SIGNALS.items()
+        if one.words
     ),
     ColumnSubject(
         "hopper",
@@ -278,18 +255,8 @@ HARVEST_WORDS = _split_words("yield ertrag 产量 crop_flow grain")
 
 # Names that need no guess: a log with these names is read unchanged. A unit may follow.
 COLUMN_OF_WHOLE_NAME = {
-    name: column
-    for column, names in {
-        "time_s": "time t t_s timestamp_s seconds elapsed_s",
-        "utc": "time_utc",
-        "hopper_kg": "hopper",
-        "lat_deg": "lat latitude latitude_deg",
-        "lon_deg": "lon lng long longitude longitude_deg",
-        "heading_deg": "heading course course_deg",
-        "speed_mps": "gps_speed_mps ground_speed_mps speed_ms speed_m_s speed",
-        "speed_kmh": "speed_km_h speed_kph speed_kmh",
-    }.items()
-    for name in names.split()
+    **dict.fromkeys(("speed_km_h", "speed_kph", "speed_kmh"), "speed_kmh"),
+    **{name: column for column, one in SIGNALS.items() for name in one.other_names.split()},
 }
 # Names of columns with seconds, dates or texts of dates.
 DATE_NAMES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")

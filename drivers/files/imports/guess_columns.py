@@ -44,7 +44,7 @@ from topdress.drivers.files.imports.units import (
 # A larger number is a rotation, because no machine drives so fast in any unit of speed.
 MIN_ROTATION_SPEED = 60.0
 # Subjects whose unit, degrees, needs no word.
-DEGREE_SUBJECTS = ("latitude", "longitude", "heading")
+DEGREE_SUBJECTS = ("lat_deg", "lon_deg", "heading_deg")
 # Factors of the units of effort; an effort keeps its unit, because the machine file defines its
 # own.
 EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}

@@ -394,7 +394,7 @@ def _is_place_column(plain: str) -> bool:
     """Returns whether a column holds a position. The longitude of a machine that drives straight
     grows evenly, as a time does."""
     subject = find_subject(plain, None)
-    return subject is not None and subject.id in ("latitude", "longitude", "altitude")
+    return subject is not None and subject.id in ("lat_deg", "lon_deg", "altitude")
 
 
 def _is_growing(raw: RawTable, name: str) -> bool:
