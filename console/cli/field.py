@@ -12,6 +12,14 @@ from topdress.console.cli.inputs import FileKinds, refuse_other_kinds, require_s
 from topdress.console.cli.outputs import ForceOption, Output, find_named_file, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.drivers.files.formats.registry import (
+    describe_able,
+    describe_endings,
+    find_writer,
+    list_able,
+    list_endings,
+    list_kinds,
+)
 
 # Type checking only: the readers of shapes load their libraries when a file is read.
 if TYPE_CHECKING:
@@ -21,9 +29,9 @@ if TYPE_CHECKING:
 # A kilometre exceeds any field's length, so such ground was surely chosen by mistake.
 MAX_GROUND_DISTANCE_M = 1000.0
 FIELD_KINDS = FileKinds(
-    ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
-    "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, "
-    "zip, folder), an ISOXML task set, or a job file",
+    (*list_kinds("read_layers", "read_field"), "config"),
+    f"a field ({describe_able('read_layers', 'read_field')}; tasks and shapefiles as folder or zip "
+    "too), or a job file",
 )
 
 DONE_KINDS = FileKinds(
@@ -36,18 +44,15 @@ def convert_field(
         Path,
         typer.Argument(
             metavar="IN",
-            help="A field of AgOpenGPS (its folder), KML, KMZ, "
-            "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), an ISOXML task set, or a job "
-            "file.",
+            help=f"{FIELD_KINDS.words[0].upper()}{FIELD_KINDS.words[1:]}.",
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="OUT",
-            help="By its ending: .yaml (a job with this field), .kml, "
-            ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: only a "
-            "summary of IN.",
+            help="By its ending: .yaml (a job with this field), "
+            f"{describe_endings('write_field')} (AgOpenGPS). Without it: only a summary of IN.",
         ),
     ] = None,
     job: Annotated[
@@ -88,7 +93,7 @@ def convert_field(
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a
     job's field for others."""
     refuse_other_kinds([source], DONE_KINDS if done else FIELD_KINDS)
-    require_suffix("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
+    require_suffix("--out", out, ".yaml", ".yml", *list_endings("write_field"))
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
         from topdress.drivers.files.kinds import JOB_KIND
@@ -122,35 +127,28 @@ def convert_field(
     if is_job:
         _write_job_field(data, job, line, out, source)
     else:
-        _write_field(data, out)
+        found = find_writer(out, "write_field")
+        assert found is not None and found.write_field is not None
+        found.write_field(data, out)
     typer.echo(f"written      {out}", err=as_json)
 
 
 def _read_field(source: Path, name: str | None) -> FieldData:
-    from topdress.drivers.files.fields.agopengps import read_agopengps
     from topdress.drivers.files.fields.field_data import build_field_data
     from topdress.drivers.files.fields.shapes import read_field_shapes
     from topdress.drivers.files.file_sniffer import sniff_file_kind
 
     # A folder may also hold a shapefile or a task set, so its content decides.
-    if source.is_dir() and sniff_file_kind(source).id == "aog":
-        return read_agopengps(source)
+    kind = sniff_file_kind(source).id
+    for one in list_able("read_field"):
+        if one.id == kind and one.read_field is not None:
+            return one.read_field(source)
     if source.suffix.lower() in (".yaml", ".yml"):
         from topdress.drivers.files.config import load_config
         from topdress.drivers.files.kinds import JOB_KIND
 
         return build_field_data(load_config(source, JOB_KIND).model.field, str(source))
     return read_field_shapes(source, name)
-
-
-def _write_field(data: FieldData, out: Path) -> None:
-    from topdress.drivers.files.fields.agopengps import write_agopengps
-    from topdress.drivers.files.fields.shapes import write_field_shapes
-
-    if out.suffix:
-        write_field_shapes(data, out)
-    else:
-        write_agopengps(data, out)
 
 
 def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:

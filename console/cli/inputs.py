@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from topdress.console.cli.plain_errors import CommandError
+from topdress.drivers.files.formats.registry import describe_able, list_kinds
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
@@ -37,18 +38,15 @@ class FileKinds(NamedTuple):
     words: str
 
 
-_TABLE_KINDS = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder", "empty")
 LOG_KINDS = FileKinds(
-    _TABLE_KINDS,
-    "a log: a table (CSV, Excel, Parquet), points (GeoJSON, shapefile), or an ISOXML task that was "
-    "worked",
+    (*list_kinds("read_table"), "empty"),
+    f"a log: a table, points, or a task that was worked ({describe_able('read_table')})",
 )
 TABLE_FILE_KINDS = FileKinds(("text", "excel", "empty"), "a bench table (CSV, Excel)")
 RUN_LOG_KINDS = FileKinds(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
 MAP_FILE_KINDS = FileKinds(
-    (*(kind for kind in _TABLE_KINDS if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
-    "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log "
-    "of work done",
+    list_kinds("read_map", "read_table"),
+    f"a prescription ({describe_able('read_map')}), or a log of work done",
 )
 CHECKED_KINDS = FileKinds(
     ("config", "text", "task", "zip", "folder", "empty"),

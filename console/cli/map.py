@@ -21,6 +21,7 @@ from topdress.console.cli.outputs import (
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
+from topdress.drivers.files.formats.registry import describe_able, describe_endings, find_writer
 
 # Type checking only: readers of maps load their libraries when a map is read.
 if TYPE_CHECKING:
@@ -37,9 +38,8 @@ def convert_map(
         Path,
         typer.Argument(
             metavar="IN",
-            help="A prescription (ISOXML task, its folder or zip; "
-            "shapefile; GeoJSON; GeoPackage; KML; GeoTIFF; CSV of polygons; points of "
-            "even cells), or a run log (.csv).",
+            help=f"A prescription ({describe_able('read_map')}; tasks and shapefiles as folder or "
+            "zip too; points of even cells), or a run log (.csv).",
         ),
     ],
     *,
@@ -47,9 +47,9 @@ def convert_map(
         Path | None,
         typer.Option(
             metavar="OUT",
-            help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
-            "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
-            "(the job's report). Without it: only a summary of IN.",
+            help=f"By its ending: {describe_endings('write_map')} (ISOXML task); of a run log "
+            f"{describe_endings('write_export')} (ISOXML task), and .html (the job's report). "
+            "Without it: only a summary of IN.",
         ),
     ] = None,
     column: Annotated[
@@ -267,21 +267,8 @@ def _convert_prescription(
     if merge_kg_ha is not None:
         read = merge_map_zones(read, merge_kg_ha)
     if out is not None:
-        if out.suffix.lower() not in (
-            ".geojson",
-            ".json",
-            ".shp",
-            ".gpkg",
-            ".kml",
-            ".kmz",
-            ".zip",
-            ".xml",
-            "",
-        ):
-            raise CommandError(
-                f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml "
-                "or a folder"
-            )
+        if find_writer(out, "write_map") is None:
+            raise CommandError(f"--out {out}: allowed {describe_endings('write_map')}")
         # The format is checked before the folder is made, so a typing error leaves no empty folder.
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)

@@ -10,13 +10,13 @@ from pathlib import Path
 from topdress.console.locale import N_, _
 from topdress.drivers.files.file_sniffer import (
     FILE_KINDS,
-    TABLE_KINDS,
     sniff_file_kind,
 )
+from topdress.drivers.files.formats.registry import list_kinds
 from topdress.drivers.files.prescriptions.map_choices import NotAMapError
 from topdress.drivers.plain_text import Reason, RefusedInput
 
-MAP_KINDS = (*TABLE_KINDS, "geotiff", "gpkg", "kml", "kmz")
+MAP_KINDS = list_kinds("read_map", "read_table")
 _KIND_REASONS = {
     "picture": N_("this is a picture"),
     "pdf": N_("this is a PDF document"),

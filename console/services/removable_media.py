@@ -14,9 +14,9 @@ from pathlib import Path
 
 from topdress.console.app.pages.job.service import MapFile
 from topdress.drivers import day_clock
+from topdress.drivers.files.formats.registry import find_format
 
-MAP_SUFFIXES = (".shp", ".geojson", ".json", ".zip", ".csv")
-# Number of bytes by which a possible map is recognised.
+# Number of bytes by which a configuration file is recognised.
 SNIFFED_BYTES = 4096
 TASK_FILE = "taskdata.xml"
 # Depth of folders below a stick: TASKDATA, or farm / field / map.
@@ -85,30 +85,17 @@ def _iterate_maps(folder: Path) -> Iterator[Path]:
 
 
 def is_map_likely(path: Path) -> bool:
-    """Returns whether a file may be a map, by its suffix and first bytes; lists of settings, logs
-    and archives of pictures are excluded."""
-    ending = path.suffix.lower()
-    if ending not in MAP_SUFFIXES:
-        return False
-    if ending == ".shp":
-        return True
+    """Returns whether a file may be a map, as its format says; lists of settings, logs and archives
+    of pictures are excluded."""
     try:
-        if ending == ".zip":
+        if path.suffix.lower() == ".zip":
             with zipfile.ZipFile(path) as archive:
                 names = [name.lower() for name in archive.namelist()[:MAX_ENTRIES]]
             return any(name.endswith((".shp", TASK_FILE)) for name in names)
-        with path.open("rb") as file:
-            head = file.read(SNIFFED_BYTES).decode("utf-8", errors="replace")
-    except (OSError, zipfile.BadZipFile):
+        found = find_format(path, "read_map")
+        return found is not None and found.is_map_likely(path)
+    except (OSError, ValueError, zipfile.BadZipFile):
         return False
-    if ending == ".csv":
-        from topdress.drivers.files.file_content import FileContent
-
-        try:
-            return FileContent(path).content_kind == "map"
-        except (OSError, ValueError):
-            return False
-    return '"FeatureCollection"' in head or '"Feature"' in head
 
 
 def make_kind_test(kind: str) -> Callable[[Path], bool]:

@@ -19,6 +19,7 @@ Files:
 - `file_content`: Which content does a file have
 - `file_sniffer`: Which kind of file is a file, by its first bytes and its name
 - `foreign`: How are foreign logs corrected, whose names
+- `formats`: Which formats of files does topdress read and write?
 - `geopackage`: How is a GeoPackage (OGC 12-128r19) read by SQLite?
 - `growing_log`: Which rows have been added since the last reading to a log that another program is
 - `header_names`: Which topdress columns does a header name?

@@ -12,6 +12,7 @@ from topdress.control.calibration.bench_table import KNOWN_COLUMNS, recognise_ki
 from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, has_worked_points, sniff_file_kind
 from topdress.drivers.files.foreign import rename_log_header
+from topdress.drivers.files.formats.registry import find_format
 from topdress.drivers.files.header_names import rename_header as renamed
 from topdress.drivers.files.imports.column_vocabulary import (
     COMMAND_WORDS,
@@ -25,7 +26,6 @@ from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.log_store import STORE_SUFFIXES as PARQUET
 from topdress.drivers.files.log_store import is_log_store
 from topdress.drivers.files.table import NoHeaderError, read_header
-from topdress.drivers.plugins import has_format_plugin
 
 # Share of known columns; a log with a smaller share is foreign, and the import reads it better.
 MIN_KNOWN_SHARE = 0.5
@@ -33,8 +33,6 @@ MIN_KNOWN_SHARE = 0.5
 _LOG_COLUMNS = frozenset(
     {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
 )
-# Suffixes of maps.
-_AREA_SUFFIXES = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
 
 ContentKind = Literal["log", "table", "map", "field", ""]
 
@@ -54,7 +52,8 @@ class FileContent:
 
     @property
     def _has_area_suffix(self) -> bool:
-        return self._suffix in _AREA_SUFFIXES or has_format_plugin(self._suffix)
+        found = find_format(self.path, "read_map")
+        return found is not None and found.read_table is None
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -5,14 +5,14 @@ Refusals state both for the operator.
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Collection
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import NamedTuple
 
 from topdress.drivers.devices.capture import CAPTURE_HEADER as CAPTURE
-from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
-from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES as SHEETS
+from topdress.drivers.files.formats.file_format import find_root_tag, list_zip_names
+from topdress.drivers.files.formats.registry import list_able, list_formats, list_kinds
+from topdress.drivers.files.limits import read_json
 from topdress.drivers.plain_text import OneLineError
 
 # Number of bytes at the beginning that are examined.
@@ -41,20 +41,11 @@ _ADVICE_EXPORT = "no command reads it: export it as a shapefile or as ISOXML fro
 FILE_KINDS = {
     kind.id: kind
     for kind in (
-        FileKind(
-            "geotiff",
-            "a TIFF picture or GeoTIFF raster",
-            "topdress map reads a GeoTIFF (extra raster)",
-        ),
         FileKind("picture", "a picture", "no command reads pictures"),
         FileKind("pdf", "a PDF document", f"no command reads PDF; {_ADVICE_SAVE}"),
         FileKind("html", "a web page", "no command reads web pages; was a download refused?"),
-        FileKind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
         FileKind("sqlite", "an SQLite database", f"no command reads it; {_ADVICE_SAVE}"),
-        FileKind("kml", "a KML file", "topdress map and topdress field read it"),
-        FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
         FileKind("gpx", "a GPX track", f"no command reads it; {_ADVICE_SAVE}"),
-        FileKind("task", "an ISOXML task file", "topdress map, field, import and check read it"),
         FileKind(
             "xml",
             "an XML file that is no task file",
@@ -62,7 +53,6 @@ FILE_KINDS = {
         ),
         FileKind("fgb", "a FlatGeobuf file", _ADVICE_SAVE),
         FileKind("las", "a LAS point cloud", "no command reads point clouds"),
-        FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
         FileKind("deere", "a file of a John Deere display", f"{_ADVICE_EXPORT} Operations Center"),
         FileKind("agleader", "a file of an Ag Leader display", f"{_ADVICE_EXPORT} SMS or AgFiniti"),
         FileKind(
@@ -74,20 +64,16 @@ FILE_KINDS = {
         FileKind("gzip", "a gzip file", _ADVICE_UNPACK),
         FileKind("7z", "a 7z archive", _ADVICE_UNPACK),
         FileKind("rar", "a RAR archive", _ADVICE_UNPACK),
-        FileKind("excel", "a workbook", "topdress import and diagnose read it"),
         FileKind("office", "a text document", f"no command reads it; {_ADVICE_SAVE}"),
         FileKind(
             "zip",
             "a zip",
             "topdress map, import and field read zips that hold task files or shapefiles",
         ),
-        FileKind("shp", "a shapefile", "topdress map, import and field read it"),
         FileKind("shp part", "a part of a shapefile", "give the .shp next to it"),
-        FileKind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
         FileKind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
         FileKind("capture", "a capture of the console", "topdress decode reads it"),
         FileKind("config", "a configuration file of topdress", "topdress check says what is in it"),
-        FileKind("aog", "a field of AgOpenGPS", "topdress field reads it"),
         FileKind(
             "folder",
             "a folder",
@@ -97,27 +83,25 @@ FILE_KINDS = {
         FileKind(
             "binary",
             "no text and no known format",
-            "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
-            "GeoPackage and GeoTIFF",
+            f"known are {', '.join(one.title for one in list_formats())}",
         ),
-        FileKind("text", "a text", ""),
+        *(FileKind(one.id, one.words, one.advice) for one in list_formats()),
     )
 }
 # Kinds that may contain a table.
-TABLE_KINDS = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+TABLE_KINDS = list_kinds("read_table")
 # Suffixes of tables.
-TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
+TABLE_SUFFIXES = frozenset(e for one in list_formats() if one.is_table for e in one.endings)
 # Suffixes of foreign logs, and of topdress's Parquet stores.
-FOREIGN_SUFFIXES = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
+FOREIGN_SUFFIXES = (
+    frozenset({".zip", *(e for one in list_able("read_table") for e in one.endings)})
+    - TABLE_SUFFIXES
+)
 # Types of a shapefile's points: plain, with height, with measure (ESRI).
 POINT_TYPES = (1, 11, 21)
 
 # First bytes of formats, as file(1) lists them.
 _MAGIC_BYTES = (
-    (b"II*\0", "geotiff"),
-    (b"MM\0*", "geotiff"),
-    (b"II+\0", "geotiff"),
-    (b"MM\0+", "geotiff"),
     (b"\x89PNG", "picture"),
     (b"\xff\xd8\xff", "picture"),
     (b"GIF8", "picture"),
@@ -125,12 +109,10 @@ _MAGIC_BYTES = (
     (b"%PDF", "pdf"),
     (b"fgb\x03", "fgb"),
     (b"LASF", "las"),
-    (b"PAR1", "parquet"),
     (b"\x1f\x8b", "gzip"),
+    (b"SQLite format 3\0", "sqlite"),
     (b"7z\xbc\xaf", "7z"),
     (b"Rar!", "rar"),
-    (b"\xd0\xcf\x11\xe0", "excel"),
-    (b"\0\0\x27\x0a", "shp"),
 )
 # Suffixes that machine displays write for the programs of their manufacturers.
 _MAKER_OF_SUFFIX = {
@@ -141,9 +123,8 @@ _MAKER_OF_SUFFIX = {
 }
 # Suffixes of the other files of a shapefile.
 _SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
-# The first element of an XML file.
-_ROOT_TAG = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
-_KIND_OF_ROOT = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
+# Kinds of XML files by their first element.
+_KIND_OF_ROOT = {"gpx": "gpx", "html": "html"}
 # Beginning of a sentence of NMEA 0183.
 _NMEA_SENTENCE = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
 # Every configuration file of topdress names its format.
@@ -173,30 +154,16 @@ def _sniff_bytes(path: Path, head: bytes) -> str:
         return "empty" if len(head) < SNIFFED_BYTES else "binary"
     if suffix in _SHAPEFILE_PARTS:
         return "shp part"
+    for one in list_formats():
+        if one.is_content(path, head):
+            return one.id
     for magic, kind in _MAGIC_BYTES:
         if head.startswith(magic):
             return kind
-    if head.startswith(b"SQLite format 3\0"):
-        return "gpkg" if head[68:72] == b"GPKG" or suffix == ".gpkg" else "sqlite"
     if head.startswith(b"PK"):
-        return _sniff_zip(path)
+        names = list_zip_names(path, head)
+        return "office" if any(name.parts[0] in ("word", "ppt") for name in names) else "zip"
     return _sniff_text(head)
-
-
-def _sniff_zip(path: Path) -> str:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name.lower() for name in archive.namelist()]
-    except DAMAGED_ZIP:
-        return "zip"
-    if any(name.startswith("xl/") for name in names) or any(
-        name == "content.xml" for name in names
-    ):
-        return "excel"
-    if any(name.startswith(("word/", "ppt/")) for name in names):
-        return "office"
-    endings = {PurePosixPath(name).suffix for name in names}
-    return "kmz" if ".kml" in endings and not endings & {".shp", ".xml"} else "zip"
 
 
 def _sniff_text(head: bytes) -> str:
@@ -207,12 +174,7 @@ def _sniff_text(head: bytes) -> str:
     if begin.startswith(b"<"):
         if _HTML_BEGINNING.match(begin):
             return "html"
-        root = _ROOT_TAG.search(re.sub(rb"<[?!].*?>", b"", begin, flags=re.DOTALL))
-        return (
-            _KIND_OF_ROOT.get(root[1].decode("ascii", "ignore").lower(), "xml") if root else "xml"
-        )
-    if begin[:1] in (b"{", b"["):
-        return "json"
+        return _KIND_OF_ROOT.get(find_root_tag(head), "xml")
     if begin.startswith(CAPTURE):
         return "capture"
     if _CONFIG_FORMAT_LINE.search(head):

@@ -19,6 +19,7 @@ import shapely
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.extras import format_install_line
+from topdress.drivers.files.formats.registry import describe_able, find_format
 from topdress.drivers.files.limits import check_file, read_json
 from topdress.drivers.files.prescriptions.map_choices import NotAMapError
 from topdress.drivers.files.prescriptions.map_projection import (
@@ -29,10 +30,8 @@ from topdress.drivers.files.prescriptions.map_projection import (
 )
 from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, find_json_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
-from topdress.drivers.plugins import PluginFault, has_format_plugin
+from topdress.drivers.plugins import PluginFault
 
-# Suffixes of the formats.
-KML_ENDINGS, GEOJSON_ENDINGS = (".kml", ".kmz"), (".geojson", ".json")
 # Coordinate systems in degrees on WGS84, or within 2 m of WGS84.
 DEGREE_SYSTEMS = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
 # Names of WGS84 in GeoJSON.
@@ -65,22 +64,20 @@ def read_layers(path: Path) -> list[Layer]:
     """Returns the layers of a file, folder or zip. Raises RefusedInput, OSError."""
     check_file(path)
     suffix = "" if path.is_dir() else path.suffix.lower()
-    if suffix in GEOJSON_ENDINGS:
-        return [read_geojson(path)]
-    # Plug-ins are asked after the built-in GeoJSON, so that they cannot replace it.
-    if has_format_plugin(suffix):
-        return [_read_by_plugin(path, suffix[1:])]
-    if suffix in (".shp", ".zip", ""):
-        from topdress.drivers.files.shape_sets import find_shape_sets, read_shape_layer
+    if suffix in (".zip", ""):
+        from topdress.drivers.files.shape_sets import read_shape_layers
 
-        return [read_shape_layer(shapes) for shapes in find_shape_sets(path)]
-    if suffix in KML_ENDINGS:
-        from topdress.drivers.files.kml import read_kml
+        return read_shape_layers(path)
+    found = find_format(path, "read_layers")
+    if found is None or found.read_layers is None:
+        allowed = describe_able("read_layers")
+        raise NotAMapError(path, "no layers: allowed is {formats}", formats=allowed)
+    return found.read_layers(path)
 
-        return read_kml(path)
-    from topdress.drivers.files.geopackage import read_geopackage
 
-    return read_geopackage(path)
+def read_geojson_layers(path: Path) -> list[Layer]:
+    """Returns the features of a GeoJSON file as a layer. Raises RefusedInput, OSError."""
+    return [read_geojson(path)]
 
 
 def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: bool = False) -> Layer:
@@ -106,13 +103,13 @@ def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: boo
     return _build_layer(path, root, kinds, strict)
 
 
-def _read_by_plugin(path: Path, name: str) -> Layer:
-    """Returns the layer that a plug-in reads. Raises NotAMapError for every failure of the
-    plug-in."""
+def read_plugin_layers(path: Path) -> list[Layer]:
+    """Returns the layer that the plug-in of the suffix reads. Raises NotAMapError for every failure
+    of the plug-in."""
     from topdress.drivers.plugin_process import read_format
 
     try:
-        root = read_format(name, path)
+        root = read_format(path.suffix[1:].lower(), path)
     except PluginFault as fault:
         raise NotAMapError(
             path,
@@ -120,7 +117,7 @@ def _read_by_plugin(path: Path, name: str) -> Layer:
             suffix=path.suffix,
             why=fault.why,
         ) from None
-    return _build_layer(path, root, GEOJSON_TYPES, strict=True)
+    return [_build_layer(path, root, GEOJSON_TYPES, strict=True)]
 
 
 def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:

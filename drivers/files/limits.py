@@ -126,31 +126,11 @@ FILE_LIMITS = (
     OTHER_FILES_LIMIT,
 )
 
-# Limits by suffix; other files have `OTHER`.
+# Limits of files that are no format of their own.
 _LIMIT_OF_SUFFIX = {
-    ".csv": TEXT_LIMIT,
-    ".txt": TEXT_LIMIT,
-    ".tsv": TEXT_LIMIT,
-    ".geojson": JSON_LIMIT,
-    ".json": JSON_LIMIT,
-    ".xml": XML_LIMIT,
-    ".kml": KML_LIMIT,
-    ".gpkg": GEOPACKAGE_LIMIT,
-    ".tif": RASTER_LIMIT,
-    ".tiff": RASTER_LIMIT,
-    ".yaml": CONFIG_LIMIT,
-    ".yml": CONFIG_LIMIT,
-    ".shp": SHAPEFILE_LIMIT,
-    ".shx": SHAPEFILE_LIMIT,
-    ".dbf": SHAPEFILE_LIMIT,
-    ".prj": SIDE_FILE_LIMIT,
-    ".cpg": SIDE_FILE_LIMIT,
-    ".qpj": SIDE_FILE_LIMIT,
-    ".xlsx": WORKBOOK_LIMIT,
-    ".xlsm": WORKBOOK_LIMIT,
-    ".xls": WORKBOOK_LIMIT,
-    ".xlsb": WORKBOOK_LIMIT,
-    ".ods": WORKBOOK_LIMIT,
+    **dict.fromkeys((".yaml", ".yml"), CONFIG_LIMIT),
+    **dict.fromkeys((".shx", ".dbf"), SHAPEFILE_LIMIT),
+    **dict.fromkeys((".prj", ".cpg", ".qpj"), SIDE_FILE_LIMIT),
 }
 # Suffixes of the files that a reader of a shapefile opens too.
 _SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg")
@@ -284,7 +264,12 @@ def _check_zip(path: Path) -> None:
 
 
 def _check_size(suffix: str, size: int, label: str) -> None:
-    check_limit(_LIMIT_OF_SUFFIX.get(suffix.lower(), OTHER_FILES_LIMIT), size, label)
+    # The formats name their limits, which are defined here.
+    from topdress.drivers.files.formats.registry import list_formats
+
+    suffix = suffix.lower()
+    limits = {ending: one.limit for one in list_formats() for ending in one.endings}
+    check_limit({**limits, **_LIMIT_OF_SUFFIX}.get(suffix, OTHER_FILES_LIMIT), size, label)
 
 
 def _iter_task_files(folder: Path) -> Iterator[Path]:

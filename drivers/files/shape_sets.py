@@ -174,6 +174,12 @@ def report_damage(label: str) -> Iterator[None]:
         ) from None
 
 
+def read_shape_layers(path: Path) -> list[Layer]:
+    """Returns a layer for each shapefile at a .shp, in a zip, or in a folder. Raises RefusedInput,
+    OSError."""
+    return [read_shape_layer(shapes) for shapes in find_shape_sets(path)]
+
+
 def find_shape_sets(path: Path) -> list[ShapeSet]:
     """Returns the shapefiles at a .shp, in a zip, or in a folder. Raises RefusedInput, OSError."""
     if path.suffix.lower() == ".shp" and not path.is_dir():

@@ -144,7 +144,7 @@ def test_course_over_ground_serves_where_no_heading_was_logged(
 
 
 def test_an_unknown_ending_is_refused(applied: AsApplied, tmp_path: Path) -> None:
-    with pytest.raises(ExportError, match=r"ending .kml: allowed .csv"):
+    with pytest.raises(ExportError, match=r"ending .kml: allowed .geojson"):
         write_as_applied(applied, tmp_path / "x.kml")
 
 

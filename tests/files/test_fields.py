@@ -30,8 +30,9 @@ from topdress.drivers.files.fields.field_data import (
     build_field_data,
     build_job_ground,
 )
-from topdress.drivers.files.fields.shapes import read_field_shapes, write_field_shapes
+from topdress.drivers.files.fields.shapes import read_field_shapes
 from topdress.drivers.files.fields.worked_area import read_worked_area
+from topdress.drivers.files.formats.registry import find_writer
 from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.read_log import read_log
 
@@ -79,7 +80,7 @@ def test_there_and_back(name: str, most_m: float, tmp_path: Path) -> None:
     if "." in name and not name.endswith("json"):
         pytest.importorskip("pyogrio", reason="pyogrio is not installed")
     path = tmp_path / name
-    (write_field_shapes if path.suffix else write_agopengps)(FIELD, path)
+    find_writer(path, "write_field").write_field(FIELD, path)
     back = read_field_shapes(path) if path.suffix else read_agopengps(path)
     assert farthest_m(FIELD, back) < most_m
     assert [line.title for line in back.lines] == ["AB 1", "Curve"]
@@ -92,7 +93,7 @@ def test_there_and_back(name: str, most_m: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.kml", "a.gpkg"])
 def test_others_read_the_same(name: str, tmp_path: Path) -> None:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
-    write_field_shapes(FIELD, tmp_path / name)
+    find_writer(tmp_path / name, "write_field").write_field(FIELD, tmp_path / name)
     frame = geopandas.read_file(tmp_path / name).to_crs("EPSG:32632")
     area = float(frame[frame.geom_type == "Polygon"].area.sum()) / 10_000.0
     boundary = FIELD.boundary(FIELD.plane())
@@ -153,7 +154,7 @@ def test_what_is_not_one_field_is_asked(
     asked = topdress("field", path)
     assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (" in asked.output
     assert topdress("field", path, "--name", "East").exit_code == 0
-    write_field_shapes(FIELD, tmp_path / "lines.geojson")
+    find_writer(Path("a.json"), "write_field").write_field(FIELD, tmp_path / "lines.geojson")
     lines = topdress("field", tmp_path / "lines.geojson", "--out", tmp_path / "job.yaml")
     assert (
         lines.exit_code == 2

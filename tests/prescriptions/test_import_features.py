@@ -278,7 +278,7 @@ def test_what_is_not_there_and_what_is_no_prescription(tmp_path: Path) -> None:
         with pytest.raises(RefusedInput, match=words):
             read_prescription(tmp_path / name)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RefusedInput, match="no prescription: allowed is an ISO"):
+    with pytest.raises(RefusedInput, match="no prescription: allowed is GeoJSON, shapefile"):
         read_prescription(tmp_path / "empty")
 
 

@@ -20,14 +20,8 @@ from topdress.drivers.files.exports.columns import (
     iter_export_records,
     summarise_export,
 )
+from topdress.drivers.files.formats.registry import describe_endings, find_writer
 from topdress.drivers.files.prescriptions.task_files import WGS84_PRJ
-
-# Suffixes in a message to the operator.
-KNOWN_ENDINGS = (
-    ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
-    ".html (the report, which "
-    "a browser prints to a PDF)"
-)
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:
@@ -46,26 +40,18 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     OSError : the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
     # The suffix is checked before the folder is created.
-    if suffix not in (".csv", ".geojson", ".json", ".shp", ".gpkg", ".zip", ""):
-        raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN_ENDINGS}")
+    found = find_writer(path, "write_export")
+    if found is None or found.write_export is None:
+        raise ExportError(
+            f"{path}: ending {path.suffix.lower()}: allowed {describe_endings('write_export')}, or "
+            ".html (the report, which a browser prints to a PDF)"
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
-    if suffix in (".zip", ""):
-        # Only this format needs the task files.
-        from topdress.drivers.files.exports.isoxml import write_isoxml_task
-
-        write_isoxml_task(applied, path)
-        return
-    if suffix == ".csv":
-        write_export_csv(applied, path)
-    else:
-        {".gpkg": write_export_geopackage, ".shp": write_export_shapefile}.get(
-            suffix, write_export_geojson
-        )(applied, path, polygons)
+    found.write_export(applied, path, polygons)
 
 
-def write_export_csv(applied: AsApplied, path: Path) -> None:
+def write_export_csv(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes UTF-8 with a header row; an empty cell is unknown. Raises OSError."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

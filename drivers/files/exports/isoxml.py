@@ -78,7 +78,7 @@ CLIENT_NAME = "A00084000DE00001"
 MIN_WORK_BREAK_S = 0.5
 
 
-def write_isoxml_task(applied: AsApplied, path: Path) -> None:
+def write_isoxml_task(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes a task folder, or a zip for a path that ends in .zip. Raises ExportError for a log
     without times, OSError."""
     root, files = build_as_applied_task(applied)

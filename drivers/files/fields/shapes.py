@@ -16,9 +16,8 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.fields.field_data import FieldData, FieldError, FieldLine
-from topdress.drivers.files.fields.task_fields import find_task_set, read_task_shapes
-from topdress.drivers.files.layers import GEOJSON_ENDINGS, Layer, find_shape_name, read_layers
-from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.fields.task_fields import read_task_layers
+from topdress.drivers.files.layers import Layer, find_shape_name, read_layers
 from topdress.drivers.files.ogr import DRIVER_OF_ENDING, write_layer
 
 # Share of a polygon's area within another polygon from which it counts as a hole, because drawn
@@ -97,13 +96,10 @@ def read_named_shapes(path: Path) -> list[tuple[str, Any]]:
 def _read_shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
     """Returns names and shapes, and findings about the other contents. Raises FieldError,
     RefusedInput, OSError."""
-    # A task file is XML too, and its own reader knows its fields.
-    layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
-    files = None if layers else find_task_set(path)
-    if files is not None:
-        check_file(path)
-        return read_task_shapes(files)
-    return _collect_layer_shapes(path, layers), []
+    # A folder or zip without shapefiles may hold a task set.
+    layers = read_layers(path) or read_task_layers(path)
+    findings = [finding for layer in layers if not layer.kind for finding in layer.findings]
+    return _collect_layer_shapes(path, layers), findings
 
 
 def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str, Any]]:
@@ -208,9 +204,8 @@ def _extract_ring_deg(ring: Any) -> Floats:
     return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
 
 
-def write_field_shapes(data: FieldData, path: Path) -> None:
-    """Writes a field as shapes, in the format of the path's suffix. Raises RefusedInput,
-    OSError."""
+def _list_drawn_shapes(data: FieldData) -> tuple[list[Any], list[Any]]:
+    """Returns the outline, if there is one, and the guidance lines."""
     polygons = (
         []
         if data.outline_deg is None
@@ -218,28 +213,29 @@ def write_field_shapes(data: FieldData, path: Path) -> None:
             shapely.Polygon(data.outline_deg[:, ::-1], [hole[:, ::-1] for hole in data.holes_deg])
         ]
     )
-    lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
-    # GeoJSON needs no library, so it also works without the extra gis.
-    if path.suffix.lower() in GEOJSON_ENDINGS:
-        features = [
-            {
-                "type": "Feature",
-                "properties": {"name": title},
-                "geometry": json.loads(shapely.to_geojson(shape)),
-            }
-            for title, shape in [
-                *((data.title, one) for one in polygons),
-                *zip((line.title for line in data.lines), lines, strict=True),
-            ]
-        ]
-        write_atomically(
-            path,
-            json.dumps(
-                {"type": "FeatureCollection", "name": data.title, "features": features},
-                ensure_ascii=False,
-            ),
-        )
-        return
+    return polygons, [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
+
+
+def write_field_geojson(data: FieldData, path: Path) -> None:
+    """Writes a field as GeoJSON, which needs no library. Raises OSError."""
+    polygons, lines = _list_drawn_shapes(data)
+    titles = [*([data.title] * len(polygons)), *(line.title for line in data.lines)]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": title},
+            "geometry": json.loads(shapely.to_geojson(shape)),
+        }
+        for title, shape in zip(titles, [*polygons, *lines], strict=True)
+    ]
+    root = {"type": "FeatureCollection", "name": data.title, "features": features}
+    write_atomically(path, json.dumps(root, ensure_ascii=False))
+
+
+def write_field_layers(data: FieldData, path: Path) -> None:
+    """Writes a field as shapes in a format of GDAL, by the path's suffix. Raises RefusedInput,
+    OSError."""
+    polygons, lines = _list_drawn_shapes(data)
     # In KML this attribute is a placemark's title.
     column = "Name" if DRIVER_OF_ENDING[path.suffix.lower()] == "KML" else "name"
     shapes, titles = (

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.fields.field_data import FieldError
+from topdress.drivers.files.layers import Layer
 from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
 from topdress.drivers.files.prescriptions.task_files import TaskSet, find_task_sets, read_task_tree
 
@@ -29,6 +30,17 @@ def find_task_set(path: Path) -> TaskSet | None:
         names = ", ".join(one.label for one in found[:12])
         raise FieldError(f"{path}: {len(found)} task sets: allowed is one, of {names}")
     return found[0] if found else None
+
+
+def read_task_layers(path: Path) -> list[Layer]:
+    """Returns the fields of the task set at a path as a layer; none without a task set. Raises
+    FieldError, RefusedInput, OSError."""
+    files = find_task_set(path)
+    if files is None:
+        return []
+    named, findings = read_task_shapes(files)
+    shapes = np.array([shape for _, shape in named], dtype=object)
+    return [Layer("", tuple({"name": title} for title, _ in named), shapes, tuple(findings))]
 
 
 def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from topdress.drivers.files.archives import has_time_log, open_archive
 from topdress.drivers.files.columns import TIME_TYPE, is_text_column, make_text_column
 from topdress.drivers.files.extras import require_extras
+from topdress.drivers.files.formats.registry import find_format, list_able
 from topdress.drivers.files.imports.column_vocabulary import find_subject, fold_column_name
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source, SourceKind
@@ -24,7 +25,6 @@ from topdress.drivers.files.prescriptions.column_words import (
     find_unit_columns,
     parse_cell,
 )
-from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
 from topdress.drivers.files.stated_units import ANY_COLUMN, find_text_units, merge_units
 
 if TYPE_CHECKING:
@@ -34,17 +34,6 @@ if TYPE_CHECKING:
 SEARCHED_ROWS = 1000
 # Largest number of letters of a unit; longer texts are remarks.
 MAX_UNIT_LENGTH = 60
-
-# Kinds of files by their suffix; files with other suffixes are texts.
-_KIND_OF_SUFFIX: dict[str, SourceKind] = {
-    **dict.fromkeys(WORKBOOK_SUFFIXES, "excel"),
-    ".geojson": "geojson",
-    ".json": "geojson",
-    ".shp": "shapefile",
-    ".xml": "isoxml",
-    ".parquet": "parquet",
-    ".pq": "parquet",
-}
 
 
 def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
@@ -80,26 +69,10 @@ def _read_by_kind(path: Path, said: Source) -> RawTable:
         raise LogImportError(
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
         )
-    if kind == "excel":
-        # Each kind imports its own library only when it is needed.
-        from topdress.drivers.files.imports.excel import read_excel
-
-        return read_excel(path, said)
-    if kind == "geojson":
-        from topdress.drivers.files.imports.points import read_points
-
-        return read_points(path, said)
-    if kind == "shapefile":
-        from topdress.drivers.files.imports.points import read_point_shapefile
-
-        return read_point_shapefile(path, said)
-    if kind == "isoxml":
-        from topdress.drivers.files.imports.task_log import read_task_log
-
-        return read_task_log(path, said)
-    if kind == "parquet":
-        return _read_parquet(path, said)
-    return read_text_table(path, said)
+    readers = {one.source_kind: one.read_table for one in list_able("read_table")}
+    read = readers[kind]
+    assert read is not None
+    return read(path, said)
 
 
 def _add_stated_units(raw: RawTable) -> RawTable:
@@ -143,11 +116,12 @@ def _find_source_kind(path: Path) -> SourceKind:
         shapes = any(name.lower().endswith(".shp") for name in files.names)
         # A worked task has positions of its own, so shapefiles next to it are ignored.
         return "shapefile" if shapes and not has_time_log(files) else "isoxml"
-    return _KIND_OF_SUFFIX.get(path.suffix.lower(), "text")
+    found = find_format(path, "read_table")
+    return "text" if found is None or found.source_kind is None else found.source_kind
 
 
-def _read_parquet(path: Path, said: Source) -> RawTable:
-    """Returns the table of a Parquet file (extra parquet). Raises LogImportError."""
+def read_parquet_table(path: Path, said: Source) -> RawTable:
+    """Returns the table of a Parquet file (extra parquet). Raises LogImportError, MissingExtra."""
     require_extras("Parquet", "parquet")
     import polars as pl
 

@@ -11,7 +11,8 @@ from topdress.control.agronomy.noa import Rule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merge_zones
 from topdress.drivers.files.archives import choose_names, open_archive
-from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES, has_worked_points
+from topdress.drivers.files.file_sniffer import has_worked_points
+from topdress.drivers.files.formats.registry import describe_able, find_format
 from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
@@ -25,20 +26,11 @@ from topdress.drivers.files.prescriptions.map_choices import (
 )
 from topdress.drivers.files.prescriptions.task_files import choose_task_set
 from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
-from topdress.drivers.plugins import has_format_plugin
 
 # Formats of equal cells that never overlap.
 EVEN_FORMATS = ("raster", "points")
-# Suffixes by the library that reads them: pyogrio, rasterio.
-LAYER_ENDINGS, RASTER_ENDINGS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
 # Formats in a message to the operator.
-KNOWN_FORMATS = (
-    "an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), "
-    "GeoJSON (.geojson, "
-    ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles "
-    "of even cells "
-    "(.csv, .xlsx)"
-)
+KNOWN_FORMATS = f"{describe_able('read_map')}; a task and shapefiles as folder or zip too"
 
 
 def read_prescription(path: str | Path, choice: RateChoice | None = None) -> ImportedMap:
@@ -63,7 +55,8 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     if not path.exists():
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN_FORMATS}")
     check_file(path)
-    read = _read_by_ending(path, choice)
+    found = find_format(path, "read_map")
+    read = ((found and found.read_map) or read_packed_map)(path, choice)
     if (
         # The check is slow, and equal cells never overlap.
         read.format not in EVEN_FORMATS
@@ -98,36 +91,31 @@ def merge_map_zones(read: ImportedMap, step_kg_ha: float) -> ImportedMap:
     )
 
 
-def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
-    suffix = "" if path.is_dir() else path.suffix.lower()
-    if suffix in (".geojson", ".json"):
-        # Each format imports its own library only when it is needed.
-        from topdress.drivers.files.prescriptions.shapes import read_geojson_map
+def read_table_map(path: Path, choice: RateChoice) -> ImportedMap:
+    """Returns the prescription of a table of polygons or of even points. Raises RefusedInput,
+    OSError."""
+    from topdress.drivers.files.file_content import FileContent
+    from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
+    from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 
-        return _read_areas_or_points(partial(read_geojson_map, path, choice), path, choice)
-    if suffix in LAYER_ENDINGS or has_format_plugin(suffix):
-        from topdress.drivers.files.prescriptions.shapes import read_map_layers
-
-        return read_map_layers(path, choice)
-    if suffix in RASTER_ENDINGS:
-        from topdress.drivers.files.prescriptions.raster import read_raster
-
-        return read_raster(path, choice)
-    if suffix in TABLE_SUFFIXES:
-        from topdress.drivers.files.file_content import FileContent
-        from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
-        from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
-
-        if has_polygon_text(path):
-            return read_csv_zones(path, choice)
-        if suffix == ".csv" or FileContent(path).content_kind == "map":
-            return read_point_grid(path, choice)
-    return _read_from_folder(path, choice)
+    if has_polygon_text(path):
+        return read_csv_zones(path, choice)
+    if path.suffix.lower() == ".csv" or FileContent(path).content_kind == "map":
+        return read_point_grid(path, choice)
+    return read_packed_map(path, choice)
 
 
-def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
+def read_geojson_areas_or_points(path: Path, choice: RateChoice) -> ImportedMap:
+    """Returns the prescription of a GeoJSON of polygons or of even points. Raises RefusedInput,
+    OSError."""
+    from topdress.drivers.files.prescriptions.shapes import read_geojson_map
+
+    return _read_areas_or_points(partial(read_geojson_map, path, choice), path, choice)
+
+
+def read_packed_map(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the task set of a folder or zip, else its shapefile. Shapefiles next to a task set
-    are ignored."""
+    are ignored. Raises RefusedInput, OSError."""
     shapes = [] if path.suffix.lower() == ".xml" else find_shape_sets(path)
     if choice.inside is not None:
         named = choose_names([one.name for one in shapes], choice.inside)

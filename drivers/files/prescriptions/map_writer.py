@@ -20,6 +20,7 @@ from topdress.control.targets.prescription import (
 )
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.formats.registry import describe_endings, find_writer
 from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 from topdress.drivers.files.prescriptions.shapes import TOPDRESS_MEMBER
 from topdress.drivers.files.prescriptions.task_files import (
@@ -43,33 +44,30 @@ MAX_RATE_LEVELS = 252
 
 
 def write_prescription(data: MapData, path: Path) -> None:
-    """Writes a prescription by the path's suffix: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip
-    (task), else a folder for a task.
+    """Writes a prescription in the format of the path's suffix; a folder for a task without one.
 
     Task files hold integers in mg/m2 (0.01 kg/ha). A shapefile cannot hold fallbacks and field.
 
     Raises
     ------
-    PrescriptionError : the map has more rates than a task file can hold.
+    PrescriptionError : the map has more rates than a task file can hold, or the suffix is unknown.
     ValueError : the map is unusable.
     OSError : the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix in (".geojson", ".json"):
-        _write_geojson(data, path)
-    elif suffix == ".shp":
-        _write_shapefile(data, path)
-    elif suffix in (".gpkg", ".kml", ".kmz"):
-        from topdress.drivers.files.prescriptions.shapes import write_map_layers
+    found = find_writer(path, "write_map")
+    if found is None or found.write_map is None:
+        raise PrescriptionError(path, "allowed {endings}", endings=describe_endings("write_map"))
+    found.write_map(data, path)
 
-        write_map_layers(data, path)
-    else:
-        try:
-            root, files = build_prescription_task(data)
-        except PrescriptionError as error:
-            raise PrescriptionError.from_error(error, path) from None
-        write_task_files(path, root, files)
+
+def write_map_task(data: MapData, path: Path) -> None:
+    """Writes a task: a zip, or the files of a folder. Raises PrescriptionError, OSError."""
+    try:
+        root, files = build_prescription_task(data)
+    except PrescriptionError as error:
+        raise PrescriptionError.from_error(error, path) from None
+    write_task_files(path, root, files)
 
 
 def describe_losses(data: MapData, path: Path) -> str:
@@ -85,7 +83,8 @@ def describe_losses(data: MapData, path: Path) -> str:
         else []
     )
     lost += ["the field's outline"] if data.fields_deg else []
-    if not lost or path.suffix.lower() not in (".shp", ".gpkg", ".kml", ".kmz"):
+    found = find_writer(path, "write_map")
+    if not lost or found is None or found.keeps_fallbacks:
         return ""
     return f"{path.suffix} has no place for {' and '.join(lost)}: .geojson and task files keep them"
 
@@ -222,7 +221,8 @@ def _add_rate_value(zone: Element, rate_kg_ha: float, data: MapData) -> None:
         variable.set("C", "PDT1")
 
 
-def _write_geojson(data: MapData, path: Path) -> None:
+def write_geojson(data: MapData, path: Path) -> None:
+    """Writes GeoJSON, with fallbacks and field as a foreign member. Raises OSError."""
     """Writes GeoJSON, with fallbacks and fields in a foreign member."""
     features = [
         {
@@ -255,7 +255,8 @@ def _write_geojson(data: MapData, path: Path) -> None:
     )
 
 
-def _write_shapefile(data: MapData, path: Path) -> None:
+def write_map_shapefile(data: MapData, path: Path) -> None:
+    """Writes a shapefile of the zones with its companions. Raises OSError."""
     with shapefile.Writer(str(path), shapeType=shapefile.POLYGON, encoding="utf-8") as writer:
         # A dBASE number has 18 digits, 8 of them decimals.
         writer.field("rate_kg_ha", "N", 18, 8)

@@ -24,19 +24,15 @@ from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import StripValue
 from topdress.control.orders import Do, Order, State
+from topdress.drivers.files.formats.registry import list_able
 
 if TYPE_CHECKING:
     from topdress.console.app.pages.job.page import JobScreen
 
 FileKind = Literal["job", "crop", "machine"]
 Parameters = ParamSpec("Parameters")
-# Formats of an export, by file ending; the first suits most programs.
-EXPORT_FORMATS = (
-    (".geojson", "GeoJSON"),
-    (".shp", "shapefile"),
-    (".zip", "ISO 11783-10"),
-    (".csv", "CSV"),
-)
+# Formats of an export that need no extra; the first suits most programs.
+EXPORT_FORMATS = [one for one in list_able("write_export") if not one.writing_extra]
 
 
 def show_details(page: JobScreen) -> None:
@@ -237,7 +233,10 @@ def format_job_card(file: FileChoice, card: JobCard | None, units: Units) -> str
 @_needs_files
 def ask_export(page: JobScreen, service: JobService) -> None:
     """Ask for the format, then export the applied rates."""
-    choices = [Choice(ending, f"{name} ({ending})") for ending, name in EXPORT_FORMATS]
+    choices = [
+        Choice(ending := one.written_endings[0], f"{one.title} ({ending})")
+        for one in EXPORT_FORMATS
+    ]
     page.app.ask_question(
         ChoiceDialog(_("Export as"), choices, ""),
         lambda ending: page.begin_work(

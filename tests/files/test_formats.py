@@ -1,0 +1,162 @@
+"""Each format at every command, page and list: a format that is forgotten anywhere is red here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import openpyxl
+import pytest
+from topdress.console.app.pages.job.keys import EXPORT_FORMATS
+from topdress.console.cli.field import FIELD_KINDS
+from topdress.console.cli.inputs import LOG_KINDS, MAP_FILE_KINDS
+from topdress.console.services.foreign_files import READ_SUFFIXES
+from topdress.console.services.map_refused import MAP_KINDS
+from topdress.console.services.removable_media import is_map_likely, list_entries
+from topdress.control.targets.prescription import MapData, Zone
+from topdress.drivers.files.extras import is_extra_installed
+from topdress.drivers.files.file_sniffer import FILE_KINDS, sniff_file_kind
+from topdress.drivers.files.formats.file_format import FileFormat
+from topdress.drivers.files.formats.registry import list_able, list_formats
+from topdress.drivers.files.imports.mapping import SourceKind
+from topdress.drivers.files.limits import FILE_LIMITS
+from topdress.drivers.files.prescriptions.map_reader import KNOWN_FORMATS, read_prescription
+
+from tests.command import topdress
+
+DOCS = Path(__file__).parents[2] / "docs"
+RATE_KG_HA = 120.0
+CORNERS_DEG = np.array([(33.0, 120.0), (33.001, 120.0), (33.001, 120.001), (33.0, 120.001)])
+
+
+def read_page(name: str) -> str:
+    """Read a page of docs as one line."""
+    return " ".join((DOCS / name).read_text(encoding="utf-8").split())
+
+
+def show_help(command: str) -> str:
+    """Show a command's help as one line."""
+    return " ".join(topdress(command, "--help").output.split())
+
+
+def write_example(one: FileFormat, folder: Path) -> Path:
+    """Write a prescription of 120 kg/ha; a format that is not written brings its example."""
+    path = folder / f"example{one.endings[0]}"
+    if one.make_example is not None:
+        one.make_example(path)
+    elif one.write_map is not None:
+        if one.writing_extra and not is_extra_installed(one.writing_extra):
+            pytest.skip(f"the extra {one.writing_extra} is not installed")
+        path = path.with_name("TASKDATA.XML") if one.id == "task" else path
+        one.write_map(MapData((Zone(RATE_KG_HA, (CORNERS_DEG,)),)), path)
+    else:
+        EXAMPLES[one.id](path)
+    return path
+
+
+def write_workbook(path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(("lat", "lon", "rate_kg_ha"))
+    for row in range(4):
+        for column in range(4):
+            sheet.append((33.0 + 1e-4 * row, 120.0 + 1.2e-4 * column, RATE_KG_HA))
+    book.save(path)
+
+
+def write_raster(path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
+    cells = np.full((1, 4, 4), RATE_KG_HA, "f4")
+    place = rasterio.transform.from_origin(120.0, 33.0, 1e-4, 1e-4)
+    like = {"driver": "GTiff", "height": 4, "width": 4, "count": 1, "dtype": "float32"}
+    with rasterio.open(path, "w", crs="EPSG:4326", transform=place, **like) as raster:
+        raster.write(cells)
+        raster.set_band_description(1, "rate_kg_ha")
+
+
+# Examples of formats that the product reads only, and that need a library of the tests.
+EXAMPLES = {"excel": write_workbook, "geotiff": write_raster}
+
+
+@pytest.mark.parametrize("one", list_able("read_map"), ids=lambda one: one.id)
+def test_a_prescription_is_taken_at_every_door(one: FileFormat, tmp_path: Path) -> None:
+    path = write_example(one, tmp_path)
+    assert sniff_file_kind(path).id == one.id
+    read = read_prescription(path)
+    assert read.data.rates_kg_ha == pytest.approx([RATE_KG_HA])
+    shown = topdress("map", path)
+    assert shown.exit_code == 0 and "120.0" in shown.output
+    assert one.title in KNOWN_FORMATS and one.title in MAP_FILE_KINDS.words
+    assert one.id in MAP_FILE_KINDS.kinds and one.id in MAP_KINDS
+    assert one.title in show_help("map")
+    assert topdress("import", path).exit_code != 0 or one.read_table
+    listed = [Path(entry.path) for entry in list_entries(tmp_path)]
+    assert is_map_likely(path) == (one.id != "task")
+    assert path in listed or tmp_path in listed
+
+
+@pytest.mark.parametrize("one", list_able("write_map"), ids=lambda one: one.id)
+def test_a_prescription_is_written(one: FileFormat, tmp_path: Path) -> None:
+    source = tmp_path / "source.geojson"
+    [geojson] = [other for other in list_formats() if other.id == "json"]
+    assert geojson.write_map is not None
+    geojson.write_map(MapData((Zone(RATE_KG_HA, (CORNERS_DEG,)),)), source)
+    if one.writing_extra and not is_extra_installed(one.writing_extra):
+        pytest.skip(f"the extra {one.writing_extra} is not installed")
+    for ending in one.written_endings:
+        out = tmp_path / (ending[1:] or "folder") / f"out{ending}"
+        assert topdress("map", source, "--out", out).exit_code == 0
+        assert read_prescription(
+            out.parent if ending == ".xml" else out
+        ).data.rates_kg_ha == pytest.approx([RATE_KG_HA])
+        assert ending in show_help("map")
+
+
+@pytest.mark.parametrize(
+    "one", list_able("read_layers", "read_field", "write_field"), ids=lambda one: one.id
+)
+def test_a_field_is_taken_and_written(one: FileFormat, tmp_path: Path) -> None:
+    shown = show_help("field")
+    assert one.id in FIELD_KINDS.kinds and one.title in FIELD_KINDS.words
+    assert one.title in shown
+    if one.write_field is None:
+        return
+    assert all(ending in shown for ending in one.written_endings)
+    if one.writing_extra and not is_extra_installed(one.writing_extra):
+        pytest.skip(f"the extra {one.writing_extra} is not installed")
+    out = tmp_path / f"out{one.written_endings[0]}"
+    assert topdress("field", "demo.yaml", "--out", out).exit_code in (0, 2)
+
+
+def test_logs_and_exports_ask_the_registry() -> None:
+    for one in list_able("read_table"):
+        assert one.id in LOG_KINDS.kinds and {*one.endings} <= READ_SUFFIXES
+        assert one.title in LOG_KINDS.words
+    assert {one.source_kind for one in list_able("read_table")} == {*get_args(SourceKind)}
+    offered = {one.id for one in EXPORT_FORMATS}
+    assert offered == {one.id for one in list_able("write_export") if not one.writing_extra}
+
+
+def test_what_a_format_states_is_whole() -> None:
+    """No suffix has two formats; kinds, limits and docs have every format."""
+    endings = [ending for one in list_formats() for ending in one.endings]
+    assert len(endings) == len({*endings})
+    ranks = [one.rank for one in list_formats()]
+    assert len(ranks) == len({*ranks})
+    maps = read_page("format-prescriptions.md")
+    fields, logs = read_page("fields.md"), read_page("import.md")
+    for one in list_formats():
+        assert FILE_KINDS[one.id].words == one.words
+        assert one.limit in FILE_LIMITS
+        assert not one.read_map or one.title in maps, f"docs/format-prescriptions.md: {one.title}"
+        assert not (one.has_any("read_layers", "read_field")) or one.title in fields
+        assert not one.read_table or one.title in logs
+        for part in (one.read_map, one.read_layers, one.read_table):
+            assert part is None or callable(part)
+
+
+def test_a_format_without_functions_is_offered_nowhere() -> None:
+    bare = replace(list_formats()[0], read_map=None, read_layers=None, read_table=None)
+    assert not bare.has_any("read_map", "read_layers", "read_table")
