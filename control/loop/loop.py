@@ -67,6 +67,7 @@ from topdress.control.safety import (
     limit_command,
     limit_valves,
     make_refusal,
+    select_machine_limits,
 )
 from topdress.control.sensing import Forecaster, Sensed, Sensing, SensingLimits
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead
@@ -150,7 +151,7 @@ class ControlLoop:
         )
         # Limits that depend on the machine are derived here unless a test gives its own.
         allowed = safety_limits or make_standing_limits(
-            machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg)
+            machine, SafetyLimits(**select_machine_limits(limits))
         )
         self.safety = Safety(allowed, has_work_switch)
         self._stopped, self._record_only = (

@@ -79,7 +79,14 @@ class Limits(FrozenModel):
     opening_low_mm: Annotated[float, Field(ge=0, le=500)] = 5.0
     opening_high_mm: Opening = 60.0
     opening_resolution_mm: Resolution = 0.1
+    # Limits of alarms; None: that of `control.safety.limits.SafetyLimits`, which has the same name.
     hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 15.0
+    hopper_empty_kg: Annotated[float, Field(ge=0, le=20000)] | None = None
+    gate_off_mm: Annotated[float, Field(ge=0.2, le=5)] | None = None
+    # At 20 % a difference of the shaft is a fault.
+    shaft_off_percent: Annotated[float, Field(ge=1, le=15)] | None = None
+    # The greatest trim is 10 %.
+    trimmed_percent: Annotated[float, Field(ge=1, le=10)] | None = None
 
 
 class SetPoints(FrozenModel):

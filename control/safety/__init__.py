@@ -23,7 +23,7 @@ from __future__ import annotations
 from topdress.control.safety.alarms import ALARMS, AlarmKind
 from topdress.control.safety.drive_gate import limit_command, limit_dose, limit_valves
 from topdress.control.safety.interlocks import INTERLOCKS
-from topdress.control.safety.limits import DriveLimits, SafetyLimits
+from topdress.control.safety.limits import DriveLimits, SafetyLimits, select_machine_limits
 from topdress.control.safety.memory import Allowances
 from topdress.control.safety.order_handlers import (
     BENCH_ORDERS,
@@ -66,4 +66,5 @@ __all__ = [
     "limit_valves",
     "make_refusal",
     "read_refusal",
+    "select_machine_limits",
 ]

@@ -1,13 +1,14 @@
-"""Which alarms have their cause in this tick? The module is the table of losses, with a function
-for each group of rows.
-"""
+"""Which alarms have their cause in this tick? The table of losses: each alarm with the states in
+which it is looked for, and its cause."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
+from typing import NamedTuple
 
 from topdress.control.orders import CANOPY_SOURCES, PLACE_SOURCES, State
-from topdress.control.readings import EffortFinding, RefusedSpeed, ScaleFinding, SpeedDoubt
+from topdress.control.readings import RefusedSpeed
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Memory
 from topdress.control.safety.motion import Motion
@@ -16,305 +17,424 @@ from topdress.control.safety.standstill_monitor import StandstillWatch
 from topdress.control.safety.words import Details, Situation
 from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
-_SENSOR_STATES = (State.READY, State.WORKING, State.HELD, State.FAULT)
 # Share of its limit down to which a reported trim remains reported.
 TRIM_HYSTERESIS = 0.7
-_WORK_STATES = (State.READY, State.WORKING, State.HELD)
 _UNKNOWN = "?"
+# The states of the tick before in which conditions are looked for.
+_ALWAYS = frozenset(State)
+_ON = _ALWAYS - {State.OFF}
+_SENSING = frozenset({State.READY, State.WORKING, State.HELD, State.FAULT})
+_WORKED = frozenset({State.READY, State.WORKING, State.HELD})
+_WORKING = frozenset({State.WORKING})
 
 
-def find_causes(
-    m: Memory,
-    now_s: float,
-    s: Situation,
-    *,
-    seen: ValidReadings,
-    motion: Motion,
-    rate: RateWatch,
-    hopper: HopperWatch,
-    stand: StandstillWatch,
-    follow: FollowWatch,
-    scale_heard: bool,
-    limits: SafetyLimits,
-) -> dict[str, Details]:
+class Facts(NamedTuple):
+    """Holds all that a condition may depend on: the memory of the ticks before, and this tick."""
+
+    memory: Memory
+    now_s: float
+    situation: Situation
+    seen: ValidReadings
+    motion: Motion
+    rate: RateWatch
+    hopper: HopperWatch
+    stand: StandstillWatch
+    follow: FollowWatch
+    scale_heard: bool
+    limits: SafetyLimits
+
+    @property
+    def on_s(self) -> float:
+        """Time since the machine left off, s: a sensor without any reading yet has its time
+        from then on."""
+        return self.now_s - self.memory.left_off_s
+
+    def has_lasted(self, since_s: float | None, for_s: float) -> bool:
+        """Returns whether a condition has held for at least `for_s` seconds."""
+        return has_lasted(since_s, self.now_s, for_s)
+
+    def is_live(self, alarm_id: str) -> bool:
+        """Returns whether the alarm was live in the tick before."""
+        return any(one.alarm.id == alarm_id for one in self.memory.live)
+
+
+class AlarmCondition(NamedTuple):
+    """Declares the cause of an alarm. `find_details` returns None without a cause."""
+
+    states: frozenset[State]
+    find_details: Callable[[Facts], Details | None]
+
+
+def find_causes(facts: Facts) -> dict[str, Details]:
     """Returns the details of each alarm whose cause is present in the state of the tick before,
     by alarm id."""
-    found: dict[str, Details] = {}
-    if not s.log_ok:
-        found["log_failed"] = ()
-    if s.measurements.log_cut:
-        found["log_cut"] = (("log", s.measurements.log_cut),)
-    if s.measurements.control_failed:
-        found["control_failed"] = ()
-    if s.measurements.put_aside:
-        found["device_aside"] = (("devices", ", ".join(s.measurements.put_aside)),)
-    if s.measurements.old_orders:
-        found["old_orders"] = ()
-    _find_standstill_causes(found, s, seen, stand)
-    if m.state is State.OFF:
-        return found
-    _find_drive_causes(found, m, now_s, s, seen, limits)
-    if m.state is State.CALIBRATING:
-        _find_calibration_causes(found, seen, limits)
-    if m.state in _SENSOR_STATES:
-        _find_sensor_causes(
-            found, m, now_s, s=s, seen=seen, motion=motion, scale_heard=scale_heard, limits=limits
-        )
-        _find_speed_causes(found, s.speed_doubt, limits)
-        _find_hopper_low(found, s, seen, hopper)
-    if m.state is State.WORKING:
-        _find_work_causes(found, now_s, s, seen, motion, limits)
-        _find_rate_causes(found, now_s, s, rate, limits)
-        _find_range_causes(found, m, now_s, s, limits)
-        _find_follow_causes(found, now_s, s, follow, limits)
-        _find_scale_causes(found, m, s.scale, limits)
-    _find_effort_causes(found, m, s.effort)
-    _find_hopper_empty(found, m, now_s, seen, hopper, limits)
-    return found
+    state = facts.memory.state
+    return {
+        alarm_id: details
+        for alarm_id, one in CONDITIONS.items()
+        if state in one.states and (details := one.find_details(facts)) is not None
+    }
 
 
-def _find_standstill_causes(
-    found: dict[str, Details], s: Situation, seen: ValidReadings, stand: StandstillWatch
-) -> None:
-    """Finds drives that do not stand, in every state, also off, because a stop command is no
-    proof of a standstill."""
-    if stand.shaft.turns:
-        found["shaft_turns"] = (
-            ("shaft_rpm", _round_known(seen.shaft_rpm)),
-            ("released_kg", _round_known(s.commanded.stopped_kg, 1)),
-        )
-    if stand.gate.opens:
-        found["gate_opens"] = (
-            ("opening_mm", _round_known(seen.opening_mm)),
-            ("told_mm", _round_known(s.commanded.opening_mm)),
-        )
-    if stand.valves.stuck:
-        found["valve_open"] = (("sections", ", ".join(map(str, stand.valves.stuck))),)
-    if s.scale.unordered_kg > 0.0:
-        found["flow_unordered"] = (("kg", _round_known(s.scale.unordered_kg, 1)),)
-
-
-def _find_drive_causes(
-    found: dict[str, Details],
-    m: Memory,
-    now_s: float,
-    s: Situation,
-    seen: ValidReadings,
-    limits: SafetyLimits,
-) -> None:
-    """Finds silent or failing drives. A drive without any reading yet has `drive_silent_s` after
-    leaving off."""
-    waited = now_s - m.left_off_s > limits.drive_silent_s
-    if not seen.is_shaft_heard and (waited or s.measurements.shaft_rpm is not None):
-        found["shaft_silent"] = ()
-    if not seen.is_gate_heard and (waited or s.measurements.opening_mm is not None):
-        found["gate_silent"] = ()
-    if s.measurements.drive_fault:
-        found["drive_fault"] = ()
-    if s.measurements.drive_stopped:
-        found["drive_stopped"] = ()
-
-
-def _find_calibration_causes(
-    found: dict[str, Details], seen: ValidReadings, limits: SafetyLimits
-) -> None:
-    fastest = max(seen.wheel_speed_mps or 0.0, seen.gnss_speed_mps or 0.0)
-    if fastest > limits.calibrate_fault_speed_mps:
-        found["calibration_moved"] = (("speed_mps", round(fastest, 2)),)
-
-
-def _find_sensor_causes(
-    found: dict[str, Details],
-    m: Memory,
-    now_s: float,
-    *,
-    s: Situation,
-    seen: ValidReadings,
-    motion: Motion,
-    scale_heard: bool,
-    limits: SafetyLimits,
-) -> None:
-    """Finds silent sensors. A sensor without any reading yet has its time after leaving off, as
-    the drives have."""
-    on_s = now_s - m.left_off_s
-    if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
-        found["gnss_silent"] = ()
-    if s.position_refused_m is not None:
-        found["position_walks" if s.position_walks else "position_jumped"] = (
-            ("off_m", _round_known(s.position_refused_m)),
-        )
-    if has_lasted(motion.wheel_doubt_since_s, now_s, limits.wheel_fault_s):
-        found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
-    if scale_heard and seen.hopper_kg is None:
-        found["scale_silent"] = ()
-    if s.target_source not in CANOPY_SOURCES:
-        return
-    settled = on_s > limits.ndvi_silent_s
-    if settled if s.ndvi_age_s is None else not s.ndvi_age_s <= limits.ndvi_silent_s:
-        found["heads_by_map" if s.by_index_map else "ndvi_silent"] = ()
-    all_spoke = all(reading is not None for reading in s.measurements.ndvi)
-    if s.valid_heads is not None and s.valid_heads < limits.heads_min and (all_spoke or settled):
-        found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
-    if has_lasted(m.heads_full_since_s, now_s, limits.heads_full_s):
-        found["heads_full"] = (("limit", limits.heads_full_ndvi),)
-    # On the road nothing is spread.
-    if s.usable_speed_mps is not None and m.state is State.WORKING:
-        found["lead_short"] = (("usable_speed_mps", _round_known(s.usable_speed_mps, 1)),)
-
-
-def _find_speed_causes(
-    found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyLimits
-) -> None:
+def _find_speed_doubt(f: Facts, refused: RefusedSpeed, wheel_above: bool) -> Details | None:
     """Finds contradicting speeds: immediately if the wrong sensor is known, otherwise after
     `speeds_differ_s`."""
-    if doubt is None:
-        return
-    read = (
+    doubt = f.situation.speed_doubt
+    if doubt is None or doubt.refused is not refused:
+        return None
+    if refused is RefusedSpeed.WHEEL and (doubt.wheel_mps > doubt.gnss_mps) != wheel_above:
+        return None
+    if refused is RefusedSpeed.EITHER and not has_lasted(
+        doubt.since_s, doubt.differed_s, f.limits.speeds_differ_s
+    ):
+        return None
+    return (
         ("wheel_mps", _round_known(doubt.wheel_mps, 2)),
         ("gnss_mps", _round_known(doubt.gnss_mps, 2)),
     )
-    if doubt.refused is RefusedSpeed.GNSS:
-        found["gnss_speed_wrong"] = read
-    elif doubt.refused is RefusedSpeed.WHEEL:
-        found["wheel_too_much" if doubt.wheel_mps > doubt.gnss_mps else "wheel_too_little"] = read
-    elif has_lasted(doubt.since_s, doubt.differed_s, limits.speeds_differ_s):
-        found["speeds_differ"] = read
 
 
-def _find_hopper_low(
-    found: dict[str, Details], s: Situation, seen: ValidReadings, hopper: HopperWatch
-) -> None:
-    if hopper.low and seen.hopper_kg is not None:
-        found["hopper_low"] = (
-            ("hopper_kg", round(seen.hopper_kg)),
-            ("metres_left", _round_to_tens(s.metres_left_m)),
-        )
-    if s.scale.refill_percent is not None:
-        found["refill_disagrees"] = (("percent", _round_known(s.scale.refill_percent)),)
+def _find_refused_place(f: Facts, walks: bool) -> Details | None:
+    s = f.situation
+    if s.position_refused_m is None or s.position_walks != walks:
+        return None
+    return (("off_m", _round_known(s.position_refused_m)),)
 
 
-def _find_work_causes(
-    found: dict[str, Details],
-    now_s: float,
-    s: Situation,
-    seen: ValidReadings,
-    motion: Motion,
-    limits: SafetyLimits,
-) -> None:
-    if are_speeds_silent(now_s, s, seen, motion, limits):
-        found["speed_silent"] = ()
-    if s.console_age_s is not None and not s.console_age_s <= limits.console_hold_s:
-        found["console_silent"] = (("limit_s", limits.console_hold_s),)
-    if (
-        s.target_source in PLACE_SOURCES
-        and not s.position_ok
-        and (motion.moving or not s.course_awaited)
-    ):
-        found["position_lost"] = ()
-    if s.silent_rate_kg_ha is not None:
-        found["target_silent"] = (("silent_kg_ha", _round_known(s.silent_rate_kg_ha)),)
-    if s.cut_from_kg_ha is not None:
-        found["target_cut"] = (
-            ("planned_kg_ha", _round_known(s.cut_from_kg_ha)),
-            ("limit_kg_ha", _round_known(s.target_rate_kg_ha)),
-        )
-    if not is_target_acceptable(s, limits):
-        found["target_refused"] = (("limit_kg_ha", limits.rate_max_kg_ha),)
+def _find_silent_heads(f: Facts, by_map: bool) -> Details | None:
+    s, silent_s = f.situation, f.limits.ndvi_silent_s
+    if s.target_source not in CANOPY_SOURCES or s.by_index_map != by_map:
+        return None
+    silent = f.on_s > silent_s if s.ndvi_age_s is None else not s.ndvi_age_s <= silent_s
+    return () if silent else None
 
 
-def _find_rate_causes(
-    found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch, limits: SafetyLimits
-) -> None:
-    if has_lasted(rate.red_since_s, now_s, limits.rate_red_s):
-        found["rate_far_off"] = (("error_percent", _round_known(rate.error_percent)),)
-    elif has_lasted(rate.amber_since_s, now_s, limits.rate_amber_s):
-        found["rate_off"] = (("error_percent", _round_known(rate.error_percent)),)
-    if has_lasted(rate.above_since_s, now_s, limits.rate_max_s):
-        found["rate_above_limit"] = (
-            ("applied_kg_ha", _round_known(s.applied_rate_kg_ha)),
-            ("limit_kg_ha", limits.rate_max_kg_ha),
-        )
+def _find_few_heads(f: Facts) -> Details | None:
+    s, least = f.situation, f.limits.heads_min
+    if s.target_source not in CANOPY_SOURCES or s.valid_heads is None or s.valid_heads >= least:
+        return None
+    spoke = all(reading is not None for reading in s.measurements.ndvi)
+    if not (spoke or f.on_s > f.limits.ndvi_silent_s):
+        return None
+    return ("valid_heads", s.valid_heads), ("limit", least)
 
 
-def _find_range_causes(
-    found: dict[str, Details], m: Memory, now_s: float, s: Situation, limits: SafetyLimits
-) -> None:
+def _find_unused_range(f: Facts, above: bool) -> Details | None:
     """Finds a rate beyond the machine's range, and adds the speed at which the rate is possible."""
-    breach = s.range_breach
-    if breach is None or not has_lasted(m.beyond_range_since_s, now_s, limits.beyond_range_s):
-        return
-    found["rate_above_range" if breach.above else "rate_below_range"] = (
+    breach = f.situation.range_breach
+    if breach is None or breach.above != above:
+        return None
+    if not f.has_lasted(f.memory.beyond_range_since_s, f.limits.beyond_range_s):
+        return None
+    return (
         ("wanted_kg_ha", _round_known(breach.wanted_kg_ha)),
         ("given_kg_ha", _round_known(breach.given_kg_ha)),
         ("usable_kmh", _round_known(3.6 * breach.usable_mps, 1)),
     )
 
 
-def _find_follow_causes(
-    found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits
-) -> None:
-    commanded = s.commanded
-    shaft_far = has_lasted(follow.shaft_far_since_s, now_s, limits.drive_far_s)
-    gate_far = has_lasted(follow.gate_far_since_s, now_s, limits.drive_far_s)
-    if shaft_far or has_lasted(follow.shaft_off_since_s, now_s, limits.shaft_off_s):
-        found["shaft_far_off" if shaft_far else "shaft_off"] = (
-            ("shaft_rpm", _round_known(commanded.expected_rpm + follow.shaft_off_rpm)),
-            (
-                "told_rpm",
-                _round_known(commanded.shaft_rpm if shaft_far else commanded.expected_rpm),
-            ),
-        )
-    if gate_far or has_lasted(follow.gate_off_since_s, now_s, limits.gate_off_s):
-        found["gate_far_off" if gate_far else "gate_off"] = (
-            ("opening_mm", _round_known(commanded.expected_mm + follow.gate_off_mm, 1)),
-            ("told_mm", _round_known(commanded.expected_mm, 1)),
-        )
+def _is_rate_far_off(f: Facts) -> bool:
+    return f.has_lasted(f.rate.red_since_s, f.limits.rate_red_s)
 
 
-def _find_hopper_empty(
-    found: dict[str, Details],
-    m: Memory,
-    now_s: float,
-    seen: ValidReadings,
-    hopper: HopperWatch,
-    limits: SafetyLimits,
-) -> None:
+def _is_shaft_far_off(f: Facts) -> bool:
+    return f.has_lasted(f.follow.shaft_far_since_s, f.limits.drive_far_s)
+
+
+def _is_gate_far_off(f: Facts) -> bool:
+    return f.has_lasted(f.follow.gate_far_since_s, f.limits.drive_far_s)
+
+
+def _list_shaft_speeds(f: Facts, told_rpm: float) -> Details:
+    speed_rpm = f.situation.commanded.expected_rpm + f.follow.shaft_off_rpm
+    return ("shaft_rpm", _round_known(speed_rpm)), ("told_rpm", _round_known(told_rpm))
+
+
+def _list_openings(f: Facts) -> Details:
+    expected_mm = f.situation.commanded.expected_mm
+    return (
+        ("opening_mm", _round_known(expected_mm + f.follow.gate_off_mm, 1)),
+        ("told_mm", _round_known(expected_mm, 1)),
+    )
+
+
+def _find_trim(f: Facts) -> Details | None:
+    trimmed = f.situation.scale.trimmed_percent
+    share = TRIM_HYSTERESIS if f.is_live("flow_trimmed") else 1.0
+    # A trim that is not a number is none.
+    if not abs(trimmed) > f.limits.trimmed_percent * share:
+        return None
+    return (("percent", _round_known(trimmed)),)
+
+
+def _find_moved_calibration(f: Facts) -> Details | None:
+    fastest = max(f.seen.wheel_speed_mps or 0.0, f.seen.gnss_speed_mps or 0.0)
+    moved = fastest > f.limits.calibrate_fault_speed_mps
+    return (("speed_mps", round(fastest, 2)),) if moved else None
+
+
+def _find_empty_hopper(f: Facts) -> Details | None:
     """Finds an empty hopper at work; the alarm remains until a refill, because a hold does not
     fill the hopper."""
-    asked = m.state is State.WORKING or any(one.alarm.id == "hopper_empty" for one in m.live)
-    if asked and has_lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
-        found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
+    asked = f.memory.state is State.WORKING or f.is_live("hopper_empty")
+    if not (asked and f.has_lasted(f.hopper.empty_since_s, f.limits.hopper_confirm_s)):
+        return None
+    return (("hopper_kg", round(f.seen.hopper_kg or 0.0, 1)),)
 
 
-def _find_scale_causes(
-    found: dict[str, Details], m: Memory, says: ScaleFinding, limits: SafetyLimits
-) -> None:
-    """Finds contradictions between the scale and the flow."""
-    if says.share is not None:
-        found["flow_missing" if says.share < 1.0 else "flow_above"] = (
-            ("percent", _round_known(100.0 * says.share)),
-        )
-    if says.outlets:
-        found["outlet_blocked"] = (("outlets", says.outlets), ("of", says.of_outlets))
-    if says.below_percent is not None:
-        found["flow_below"] = (("percent", _round_known(says.below_percent)),)
-    if says.beyond_percent is not None:
-        found["flow_disagrees"] = (("percent", _round_known(says.beyond_percent)),)
-    if says.off_kg != 0.0:
-        found["scale_unexplained"] = (("kg", _round_known(abs(says.off_kg), 1)),)
-    trimmed = any(one.alarm.id == "flow_trimmed" for one in m.live)
-    if abs(says.trimmed_percent) > limits.trimmed_percent * (TRIM_HYSTERESIS if trimmed else 1.0):
-        found["flow_trimmed"] = (("percent", _round_known(says.trimmed_percent)),)
+def _find_lost_place(f: Facts) -> Details | None:
+    s = f.situation
+    lost = s.target_source in PLACE_SOURCES and not s.position_ok
+    return () if lost and (f.motion.moving or not s.course_awaited) else None
 
 
-def _find_effort_causes(found: dict[str, Details], m: Memory, says: EffortFinding) -> None:
-    """Finds a wrong effort at work; the alarm remains until the drive turns again."""
-    if m.state not in _WORK_STATES:
-        return
-    if says.harder_percent > 0.0:
-        found["effort_high"] = (("percent", _round_known(says.harder_percent)),)
-    if says.unloaded:
-        found["effort_low"] = ()
+def _find_silent_gnss(f: Facts) -> Details | None:
+    heard = f.situation.measurements.gnss is not None
+    awaited = heard or f.on_s > f.limits.gnss_period_max_s
+    return () if awaited and not f.seen.gnss_ok else None
+
+
+def _find_missing_flow(f: Facts, above: bool) -> Details | None:
+    share = f.situation.scale.share
+    if share is None or (share < 1.0) == above:
+        return None
+    return (("percent", _round_known(100.0 * share)),)
+
+
+def _find_short_lead(f: Facts) -> Details | None:
+    """Finds a speed that is too high for the heads' lead; on the road nothing is spread."""
+    s = f.situation
+    if s.target_source not in CANOPY_SOURCES or s.usable_speed_mps is None:
+        return None
+    return (("usable_speed_mps", _round_known(s.usable_speed_mps, 1)),)
+
+
+def _find_percent(percent: float | None) -> Details | None:
+    return None if percent is None else (("percent", _round_known(percent)),)
+
+
+CONDITIONS: dict[str, AlarmCondition] = {
+    alarm_id: AlarmCondition(states, find_details)
+    for states, of_states in (
+        (
+            _ALWAYS,
+            {
+                "log_failed": lambda f: None if f.situation.log_ok else (),
+                "log_cut": lambda f: (
+                    (("log", f.situation.measurements.log_cut),)
+                    if f.situation.measurements.log_cut
+                    else None
+                ),
+                "control_failed": lambda f: () if f.situation.measurements.control_failed else None,
+                "device_aside": lambda f: (
+                    (("devices", ", ".join(f.situation.measurements.put_aside)),)
+                    if f.situation.measurements.put_aside
+                    else None
+                ),
+                "old_orders": lambda f: () if f.situation.measurements.old_orders else None,
+                # Drives that do not stand are looked for in every state, also off, because a stop
+                # command is no proof of a standstill.
+                "shaft_turns": lambda f: (
+                    (
+                        ("shaft_rpm", _round_known(f.seen.shaft_rpm)),
+                        ("released_kg", _round_known(f.situation.commanded.stopped_kg, 1)),
+                    )
+                    if f.stand.shaft.turns
+                    else None
+                ),
+                "gate_opens": lambda f: (
+                    (
+                        ("opening_mm", _round_known(f.seen.opening_mm)),
+                        ("told_mm", _round_known(f.situation.commanded.opening_mm)),
+                    )
+                    if f.stand.gate.opens
+                    else None
+                ),
+                "valve_open": lambda f: (
+                    (("sections", ", ".join(map(str, f.stand.valves.stuck))),)
+                    if f.stand.valves.stuck
+                    else None
+                ),
+                "flow_unordered": lambda f: (
+                    (("kg", _round_known(f.situation.scale.unordered_kg, 1)),)
+                    if f.situation.scale.unordered_kg > 0.0
+                    else None
+                ),
+            },
+        ),
+        (
+            _ON,
+            {
+                "shaft_silent": lambda f: (
+                    ()
+                    if not f.seen.is_shaft_heard
+                    and (
+                        f.on_s > f.limits.drive_silent_s
+                        or f.situation.measurements.shaft_rpm is not None
+                    )
+                    else None
+                ),
+                "gate_silent": lambda f: (
+                    ()
+                    if not f.seen.is_gate_heard
+                    and (
+                        f.on_s > f.limits.drive_silent_s
+                        or f.situation.measurements.opening_mm is not None
+                    )
+                    else None
+                ),
+                "drive_fault": lambda f: () if f.situation.measurements.drive_fault else None,
+                "drive_stopped": lambda f: () if f.situation.measurements.drive_stopped else None,
+                "hopper_empty": _find_empty_hopper,
+            },
+        ),
+        (frozenset({State.CALIBRATING}), {"calibration_moved": _find_moved_calibration}),
+        (
+            _SENSING,
+            {
+                "gnss_silent": _find_silent_gnss,
+                "position_jumped": lambda f: _find_refused_place(f, False),
+                "position_walks": lambda f: _find_refused_place(f, True),
+                "wheel_fault": lambda f: (
+                    (("speed_mps", round(f.seen.gnss_speed_mps or 0.0, 1)),)
+                    if f.has_lasted(f.motion.wheel_doubt_since_s, f.limits.wheel_fault_s)
+                    else None
+                ),
+                "scale_silent": lambda f: (
+                    () if f.scale_heard and f.seen.hopper_kg is None else None
+                ),
+                "heads_by_map": lambda f: _find_silent_heads(f, True),
+                "ndvi_silent": lambda f: _find_silent_heads(f, False),
+                "heads_few": _find_few_heads,
+                "heads_full": lambda f: (
+                    (("limit", f.limits.heads_full_ndvi),)
+                    if f.situation.target_source in CANOPY_SOURCES
+                    and f.has_lasted(f.memory.heads_full_since_s, f.limits.heads_full_s)
+                    else None
+                ),
+                "gnss_speed_wrong": lambda f: _find_speed_doubt(f, RefusedSpeed.GNSS, False),
+                "wheel_too_much": lambda f: _find_speed_doubt(f, RefusedSpeed.WHEEL, True),
+                "wheel_too_little": lambda f: _find_speed_doubt(f, RefusedSpeed.WHEEL, False),
+                "speeds_differ": lambda f: _find_speed_doubt(f, RefusedSpeed.EITHER, False),
+                "hopper_low": lambda f: (
+                    (
+                        ("hopper_kg", _round_known(f.seen.hopper_kg)),
+                        ("metres_left", _round_to_tens(f.situation.metres_left_m)),
+                    )
+                    if f.hopper.low and f.seen.hopper_kg is not None
+                    else None
+                ),
+                "refill_disagrees": lambda f: _find_percent(f.situation.scale.refill_percent),
+            },
+        ),
+        (
+            _WORKING,
+            {
+                "lead_short": _find_short_lead,
+                "speed_silent": lambda f: (
+                    ()
+                    if are_speeds_silent(f.now_s, f.situation, f.seen, f.motion, f.limits)
+                    else None
+                ),
+                "console_silent": lambda f: (
+                    (("limit_s", f.limits.console_hold_s),)
+                    if f.situation.console_age_s is not None
+                    and not f.situation.console_age_s <= f.limits.console_hold_s
+                    else None
+                ),
+                "position_lost": _find_lost_place,
+                "target_silent": lambda f: (
+                    (("silent_kg_ha", _round_known(f.situation.silent_rate_kg_ha)),)
+                    if f.situation.silent_rate_kg_ha is not None
+                    else None
+                ),
+                "target_cut": lambda f: (
+                    (
+                        ("planned_kg_ha", _round_known(f.situation.cut_from_kg_ha)),
+                        ("limit_kg_ha", _round_known(f.situation.target_rate_kg_ha)),
+                    )
+                    if f.situation.cut_from_kg_ha is not None
+                    else None
+                ),
+                "target_refused": lambda f: (
+                    None
+                    if is_target_acceptable(f.situation, f.limits)
+                    else (("limit_kg_ha", f.limits.rate_max_kg_ha),)
+                ),
+                "rate_far_off": lambda f: (
+                    (("error_percent", _round_known(f.rate.error_percent)),)
+                    if _is_rate_far_off(f)
+                    else None
+                ),
+                "rate_off": lambda f: (
+                    (("error_percent", _round_known(f.rate.error_percent)),)
+                    if f.has_lasted(f.rate.amber_since_s, f.limits.rate_amber_s)
+                    and not _is_rate_far_off(f)
+                    else None
+                ),
+                "rate_above_limit": lambda f: (
+                    (
+                        ("applied_kg_ha", _round_known(f.situation.applied_rate_kg_ha)),
+                        ("limit_kg_ha", f.limits.rate_max_kg_ha),
+                    )
+                    if f.has_lasted(f.rate.above_since_s, f.limits.rate_max_s)
+                    else None
+                ),
+                "rate_above_range": lambda f: _find_unused_range(f, True),
+                "rate_below_range": lambda f: _find_unused_range(f, False),
+                "shaft_far_off": lambda f: (
+                    _list_shaft_speeds(f, f.situation.commanded.shaft_rpm)
+                    if _is_shaft_far_off(f)
+                    else None
+                ),
+                "shaft_off": lambda f: (
+                    _list_shaft_speeds(f, f.situation.commanded.expected_rpm)
+                    if f.has_lasted(f.follow.shaft_off_since_s, f.limits.shaft_off_s)
+                    and not _is_shaft_far_off(f)
+                    else None
+                ),
+                "gate_far_off": lambda f: _list_openings(f) if _is_gate_far_off(f) else None,
+                "gate_off": lambda f: (
+                    _list_openings(f)
+                    if f.has_lasted(f.follow.gate_off_since_s, f.limits.gate_off_s)
+                    and not _is_gate_far_off(f)
+                    else None
+                ),
+                "flow_missing": lambda f: _find_missing_flow(f, False),
+                "flow_above": lambda f: _find_missing_flow(f, True),
+                "outlet_blocked": lambda f: (
+                    (
+                        ("outlets", f.situation.scale.outlets),
+                        ("of", f.situation.scale.of_outlets),
+                    )
+                    if f.situation.scale.outlets
+                    else None
+                ),
+                "flow_below": lambda f: _find_percent(f.situation.scale.below_percent),
+                "flow_disagrees": lambda f: _find_percent(f.situation.scale.beyond_percent),
+                "scale_unexplained": lambda f: (
+                    (("kg", _round_known(abs(f.situation.scale.off_kg), 1)),)
+                    if f.situation.scale.off_kg != 0.0
+                    else None
+                ),
+                "flow_trimmed": _find_trim,
+            },
+        ),
+        (
+            # A wrong effort remains an alarm until the drive turns again.
+            _WORKED,
+            {
+                "effort_high": lambda f: (
+                    (("percent", _round_known(f.situation.effort.harder_percent)),)
+                    if f.situation.effort.harder_percent > 0.0
+                    else None
+                ),
+                "effort_low": lambda f: () if f.situation.effort.unloaded else None,
+            },
+        ),
+    )
+    for alarm_id, find_details in of_states.items()
+}
 
 
 def _round_known(value: float | None, digits: int | None = None) -> str | float:

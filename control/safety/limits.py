@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import isfinite
+from typing import Any
 
 from topdress.control.signals import find_valid_for
 
@@ -132,6 +133,16 @@ class SafetyLimits:
         _refuse_order(self, "rate_amber_percent", "rate_red_percent")
         _refuse_order(self, "console_hold_s", "console_off_s")
         _refuse_order(self, "stand_settle_s", "run_down_max_s")
+
+
+def select_machine_limits(machine: object) -> dict[str, Any]:
+    """Returns the limits that the `limits` of a machine file set, as arguments of
+    `SafetyLimits`. Machines may differ in every limit that is a field of both."""
+    return {
+        field.name: value
+        for field in fields(SafetyLimits)
+        if (value := getattr(machine, field.name, None)) is not None
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from topdress.control.orders import Answer, Order, State
-from topdress.control.safety.alarm_conditions import find_causes
+from topdress.control.safety.alarm_conditions import Facts, find_causes
 from topdress.control.safety.alarms import ALARMS, update_alarms
 from topdress.control.safety.interlocks import find_interlocks
 from topdress.control.safety.limits import SafetyLimits
@@ -89,17 +89,7 @@ class Safety:
         if beyond_range_since_s != m.beyond_range_since_s:
             m = m._replace(beyond_range_since_s=beyond_range_since_s)
         found = find_causes(
-            m,
-            now_s,
-            s,
-            seen=seen,
-            motion=motion,
-            rate=rate,
-            hopper=hopper,
-            stand=stand,
-            follow=follow,
-            scale_heard=scale_heard,
-            limits=limits,
+            Facts(m, now_s, s, seen, motion, rate, hopper, stand, follow, scale_heard, limits)
         )
         state, why = find_next_state(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow

@@ -34,6 +34,7 @@ NO_LISTS = {
         "MIN_RANGE": "least range for a dependence to show",
         "DOWNSTREAM_VARIABLES": "which variables a stage changes",
     },
+    "control/safety/alarm_conditions.py": {"CONDITIONS": "details of alarms"},
     "control/simulation/closed_loop.py": {"RECORDED_COLUMNS": "what a simulated run records"},
     "drivers/devices/board_frames.py": {"STATUS_RANGES": "ranges of a status frame's fields"},
     "drivers/files/exports/columns.py": {"EXPORT_COLUMNS": "public columns of an export"},

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import fields, replace
+from pathlib import Path
 
 import pytest
+from topdress.control.machine.machine import Limits
 from topdress.control.orders import Do
 from topdress.control.readings import (
     DriveCommand,
@@ -13,7 +16,15 @@ from topdress.control.readings import (
     ScaleFinding,
     SpeedDoubt,
 )
-from topdress.control.safety import Commanded, DriveLimits, SafetyLimits, limit_command
+from topdress.control.safety import (
+    ALARMS,
+    Commanded,
+    DriveLimits,
+    SafetyLimits,
+    alarm_conditions,
+    limit_command,
+    select_machine_limits,
+)
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
@@ -295,3 +306,28 @@ def test_senseless_limits_are_refused_in_one_line(kind, change, message):
     with pytest.raises(ValueError) as refused:
         kind(**change)
     assert str(refused.value) == message
+
+
+def test_a_machine_file_sets_the_limits_of_its_alarms():
+    limits = Limits(gate_off_mm=4.0, trimmed_percent=8.0)
+    made = SafetyLimits(**select_machine_limits(limits))
+    assert (made.gate_off_mm, made.trimmed_percent, made.hopper_low_kg) == (4.0, 8.0, 15.0)
+    nominal = SafetyLimits(**select_machine_limits(Limits()))
+    assert nominal == SafetyLimits(hopper_low_kg=15.0)
+
+
+def test_each_alarm_has_its_condition():
+    assert set(alarm_conditions.CONDITIONS) == set(ALARMS)
+
+
+def test_each_number_of_a_condition_is_a_limit():
+    """No condition compares with a number of its own: 0 and 1 are none and all."""
+    tree = ast.parse(Path(alarm_conditions.__file__).read_text(encoding="utf-8"))
+    numbers = {
+        side.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Compare)
+        for side in (node.left, *node.comparators)
+        if isinstance(side, ast.Constant) and isinstance(side.value, int | float)
+    }
+    assert numbers <= {0.0, 1.0}
