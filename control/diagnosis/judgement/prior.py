@@ -1,6 +1,6 @@
 """Declares the priors: every number on which a judgement depends, with its reason.
 
-A group of channels (shaft; metering; speed; heads) is faulty with probability `FAULT_PROB`. Every
+A group of channels (shaft; metering; speed; heads) has a share of the odds `FAULT_PROB`. Every
 effect of the group has the same odds, and its time course has the shares of `COURSE_PROBS`. Its
 size is distributed around 0 with the scale `usual` of the effect's row
 (control/diagnosis/effects.py) and the tails of a Cauchy distribution, because a machine may have
@@ -11,13 +11,23 @@ larger s.d. is included. Begin and end times are uniform over the log.
 
 from __future__ import annotations
 
-from math import exp, inf, log, log1p, pi, sqrt
+from math import erf, exp, inf, log, log1p, pi, sqrt
 
 from topdress.control.machine.forms import Form
 from topdress.control.machine.terms import TermTarget
 
-# Prior probability that a group of stages has a fault on a machine that is diagnosed.
-FAULT_PROB = 0.3
+# Posterior probability from which a cause is named.
+MIN_NAMED_PROB = 0.9
+# Log odds against no effect from which an effect is reported.
+MIN_REPORT_LOG_ODDS = log(MIN_NAMED_PROB / (1.0 - MIN_NAMED_PROB))
+# Share of healthy logs or tables that may raise an alarm: one in fifty.
+ALARM_LEVEL = 0.02
+# Number of groups of channels that are judged in a run log (`runs.model.GROUPS`).
+RUN_GROUPS = 4
+# Prior odds that a bench table, or all groups of a run log together, have a fault. A healthy log
+# reaches posterior odds of exp(MIN_REPORT_LOG_ODDS) with a probability of at most the prior odds over them
+# (Ville's inequality; Shafer et al., Statist. Sci. 26, 2011, 84).
+FAULT_PROB = ALARM_LEVEL * exp(MIN_REPORT_LOG_ODDS)
 # Prior shares of a fault's time course: most faults existed before the log began.
 COURSE_PROBS = {"steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
 # Prior probability that a column is in another unit than its file says, or of the other side of a
@@ -53,10 +63,9 @@ TERM_SDS = {
 }
 # Share of an effect's own signal by which its form may differ from the catalogue's.
 FORM_SHARE = 0.25
-# Posterior probability from which a cause is named.
-MIN_NAMED_PROB = 0.9
-# Log odds against no effect from which an effect is reported.
-MIN_REPORT_LOG_ODDS = log(MIN_NAMED_PROB / (1.0 - MIN_NAMED_PROB))
+# Ratio of the true error of a size to its s.d., by which the probability of a name allows for
+# errors of the model itself: split conformal prediction asks for 1.1 to 1.9 on training logs.
+SIZE_ERROR = 1.5
 # Ratio of the standard deviation of a normal variable to its median absolute deviation.
 ROBUST_SD = 1.4826
 # Standard normal quantile: nine values in ten are above the mean minus this many s.d.
@@ -76,7 +85,7 @@ def name_course(onset_s: float | None, until_s: float | None, grows: bool) -> st
 
 def calc_log_prior_odds(course: str, names: int) -> float:
     """Return the log prior odds of one effect of `names`, in addition to other effects."""
-    return log(FAULT_PROB * COURSE_PROBS[course] / max(1, names))
+    return log(FAULT_PROB / RUN_GROUPS * COURSE_PROBS[course] / max(1, names))
 
 
 def calc_sign_log_prior(size: float, only_adds: bool) -> float:
@@ -85,6 +94,17 @@ def calc_sign_log_prior(size: float, only_adds: bool) -> float:
     if not only_adds or size == 0.0:
         return 0.0
     return log(2.0 * (WRONG_SIGN_PROB if size < 0.0 else 1.0 - WRONG_SIGN_PROB))
+
+
+def calc_size_confidence(size: float, sd: float) -> float:
+    """Return the probability that a size is not 0 and has its sign: a name is no more probable
+    than the interval of its size excludes 0.
+
+    Parameters
+    ----------
+    size, sd : a size and its total s.d., in one unit; tolerances and variation included.
+    """
+    return erf(abs(size) / (SIZE_ERROR * sd * sqrt(2.0))) if sd > 0.0 else 1.0
 
 
 def find_size_sd(size: float, usual: float) -> float:

@@ -43,6 +43,8 @@ Array = npt.NDArray[np.float64]
 # Numbers of onset times at which the information is calculated exactly: first coarsely, then finely
 # where the gain (in twice the log-likelihood) may matter.
 EXACT_TIME_COUNTS = (3, 8)
+# Number of rounds in which the information is calculated exactly at the best time so far.
+BEST_TIMES = 3
 # Gain, in twice the log-likelihood, from which more onset times are tried. The value is below the
 # prior price of any onset.
 MIN_REFINED_GAIN = 6.0
@@ -272,19 +274,31 @@ def _find_begin_times(
     if not len(inside):
         return []
     left, found = list(range(len(residuals))), dict[int, ScoreTest]()
-    for count in EXACT_TIME_COUNTS:
-        exact_s = np.linspace(*within, count)
-        traces = _make_onset_traces(one, exact_s, grows)
+    exact_s = np.empty(0)
+    exact: dict[int, Array] = {at: np.empty(0) for at in left}
+    rounds = [np.linspace(*within, count) for count in EXACT_TIME_COUNTS] + [
+        np.empty(0)
+    ] * BEST_TIMES
+    for times_s in rounds:
+        # After the grids, the information is calculated at the best time itself: between two exact
+        # times it may be far from their line, above all near the ends of a log.
+        best_s = [found[at].part.onset_s for at in left if not len(times_s)]
+        new_s = np.setdiff1d(np.array([*times_s, *best_s], np.float64), exact_s)
+        if not len(new_s):
+            break
+        traces = _make_onset_traces(one, new_s, grows)
+        order = np.argsort(np.concatenate((exact_s, new_s)))
+        exact_s = np.concatenate((exact_s, new_s))[order]
         for at in left:
             rows, taken = _whiten_traces(residuals[at], one, traces)
-            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(
+            own = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(
                 taken**2, axis=1
             )
-            information = np.interp(one.time_s[inside], exact_s, exact)
+            exact[at] = np.concatenate((exact[at], own))[order]
             found[at] = _find_likeliest_onset(
                 one.candidate,
                 scores[at, inside],
-                information,
+                np.interp(one.time_s[inside], exact_s, exact[at]),
                 len(one.time_s),
                 lambda best: {"onset_s": float(one.time_s[inside[best]]), "grows": grows},
             )

@@ -22,6 +22,8 @@ from topdress.control.recordings.values import (
     round_as_printed,
 )
 
+from .unit_change import restore_units
+
 # Maximum number of further columns, besides the ten published variables: 560 products of two.
 MAX_FURTHER_COLUMNS = 24
 # Number of pieces of the log whose means are compared: a transient affects a single piece.
@@ -319,11 +321,13 @@ def clean_run_log(
         else np.full(len(time), np.nan)
         for name in NUMBER_COLUMNS
     }
+    changed: list[str] = []
+    found = restore_units(found, time, changed)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = blank_held_readings(name, found[name], step, odd)
     for name in ("supply_v", "pitch_deg", "roll_deg"):
         found[name] = blank_outliers(name, found[name], odd)
-    findings = [str(finding) for finding in odd]
+    findings = [*map(str, odd), *changed]
     never = ": a scale that never changes is not read"
     found["hopper_kg"] = _reject_frozen("hopper_kg", found["hopper_kg"], never, findings)
     asked_rpm = float(np.nanmax(np.abs(np.r_[0.0, found["shaft_rpm_cmd"]])))

@@ -169,6 +169,17 @@ def _move_time_value(
         model.set_offsets({**model.offsets, n.key: best})
 
 
+def calc_total_sd(part: EffectInstance, sd: float, machine: Machine) -> float:
+    """Return the s.d. of the size of an effect. sd : as fitted.
+
+    The tolerance of the nominal value that an effect changes is open together with its size, but
+    where it begins within the log: the rows before have the tolerance alone. The resolution of the
+    times on which a size depends is added.
+    """
+    tolerance = find_tolerance(part.id, machine) if part.onset_s is None else 0.0
+    return float(np.sqrt(sd**2 + tolerance**2 + calc_timing_sd(part.id, machine) ** 2))
+
+
 def calc_timing_sd(effect_id: str, machine: Machine) -> float:
     """Return the standard deviation of the time search that an effect of nearly the same form
     depends on; 0 where there is none.

@@ -137,7 +137,8 @@ def find_reading_step(
     gaps = np.diff(kinds)
     for parts in STEP_DIVISORS if len(gaps) else ():
         step = float(gaps.min()) / parts
-        if step < min_step_rpm:
+        # Whole multiples show where the readings span two of them.
+        if not min_step_rpm <= step <= 0.5 * float(np.ptp(turning)):
             return None
         for _ in range(5):
             number = np.round(turning / step)
@@ -273,6 +274,10 @@ def find_encoder_steps(model: GroupModel) -> list[Candidate]:
     speed, wrong = predicted[on], left[on]
     wrong = np.clip(wrong, *np.percentile(wrong, (0.5, 99.5)))
     bin_rpm, steps_rpm = scale * SAW_TOOTH_BIN_RPM, scale * TRIAL_STEPS_RPM
+    # A saw-tooth shows where the speeds span two of its teeth.
+    steps_rpm = steps_rpm[steps_rpm <= 0.5 * float(np.ptp(speed))]
+    if not len(steps_rpm):
+        return []
     cell = np.round(speed / bin_rpm).astype(np.int64)
     kinds, place, count = np.unique(cell, return_inverse=True, return_counts=True)
     total = np.bincount(place, weights=wrong - wrong.mean())

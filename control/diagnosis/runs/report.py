@@ -29,6 +29,7 @@ from topdress.control.diagnosis.judgement.prior import (
     SEPARATION_SD,
     calc_detectable_size,
     calc_log_prior_odds,
+    calc_size_confidence,
 )
 from topdress.control.diagnosis.result import (
     UNKNOWN,
@@ -71,8 +72,8 @@ from .gain import calc_size_spread, measure_gain
 from .hypothesis import EffectInstance, make_schedule
 from .intermittent import DirectDetection
 from .log import clean_run_log
-from .model import CHANNEL_GROUPS, calc_equivalent_sd, find_tolerance
-from .nominal_values import calc_timing_sd
+from .model import CHANNEL_GROUPS, calc_equivalent_sd
+from .nominal_values import calc_total_sd
 from .onset import find_stop_interval
 from .residual_analysis import (
     ResidualStructure,
@@ -427,7 +428,7 @@ def _choose_verdict(
 ) -> Verdict:
     if unexplained:
         return "unexplained"
-    if any(c.rivals for c in causes):
+    if any(c.rivals or c.probability < MIN_NAMED_PROB for c in causes):
         return "ambiguous"
     if causes:
         return "named"
@@ -578,7 +579,7 @@ def _make_direct_cause(seen: DirectDetection, machine: Machine, data: RunData) -
         seen.part.id,
         size,
         seen.part.onset_s,
-        float(expit(seen.log_odds)),
+        min(float(expit(seen.log_odds)), calc_size_confidence(seen.part.size, seen.sd)),
         (),
         None,
         effect.advice,
@@ -597,13 +598,8 @@ def _make_cause(
     if entry.effect.onset_only:
         size = Size(part.onset_s, *find_stop_interval(one.search.model, part), unit)
     else:
-        sd = float(
-            np.sqrt(
-                sd**2
-                + find_tolerance(part.id, machine) ** 2
-                + calc_timing_sd(part.id, machine) ** 2
-            )
-        )
+        sd = calc_total_sd(part, sd, machine)
+        place = place.limit(calc_size_confidence(part.size, sd))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
     known = place.calc_probabilities(left)

@@ -27,12 +27,12 @@ Selection in Regression, ch. 3).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import count
+from itertools import combinations, count, product
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, softmax
+from scipy.special import expit, logit, logsumexp, softmax
 from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     EFFECT_ROWS,
@@ -44,10 +44,11 @@ from topdress.control.diagnosis.judgement.prior import (
     MIN_REPORT_LOG_ODDS,
     calc_log_prior_odds,
     calc_sign_log_prior,
+    calc_size_confidence,
     find_size_log_weight,
     name_course,
 )
-from topdress.control.machine.machine import CATALOGUE
+from topdress.control.machine.machine import CATALOGUE, Machine
 
 from .changepoint import find_best_changes
 from .dictionary import FormDictionary
@@ -55,7 +56,7 @@ from .drive_curve import list_multi_effect_hypotheses
 from .drives import measure_zero_offset
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, remove_part, replace_part
 from .model import find_absorbed_effects, find_replaced_nominals
-from .nominal_values import TIMING_FIELDS, settle_nominal_values
+from .nominal_values import TIMING_FIELDS, calc_total_sd, settle_nominal_values
 from .onset import disobeys_after_stop, find_standing_onset, find_stopped_drives, refine_onsets
 from .quantised import find_encoder_steps
 from .robust import limit_outliers
@@ -116,6 +117,10 @@ class Alternatives(NamedTuple):
     worth: float
     rivals: tuple[RivalEffect, ...] = ()
     unknown: float = -np.inf
+
+    def limit(self, probability: float) -> Alternatives:
+        """Return the alternatives with the effect against none no more probable than this."""
+        return self._replace(worth=min(self.worth, float(logit(probability))))
 
     def calc_probabilities(self, unlike: float = 0.0) -> PlaceProbabilities:
         """Return the probabilities of the alternatives. unlike : probability that the true cause is
@@ -228,18 +233,14 @@ class ModelScorer:
         self._scans.clear()
         self._kept_at = self.search.model.moves
 
-    def calc_log_odds(
-        self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int | None = None
-    ) -> float:
-        """Return D: log posterior odds of a model against another that differs in one effect.
-
-        k, j : indices of the effect in the one and in the other model; None for no effect in its
-        place.
-        """
+    def calc_log_odds(self, one: FittedHypothesis, other: FittedHypothesis) -> float:
+        """Return D: the log posterior odds of a model against another. The gain over a nested model
+        is at most its even gain."""
         columns = self.search.columns
+        nested = len(other.parts) < len(one.parts)
         gain = one.log_likelihood - other.log_likelihood
         occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
-        if gain > 0.0 or j is not None:
+        if gain > 0.0 or not nested:
             more, less = (one, other) if gain > 0.0 else (other, one)
             even = calc_block_gain(
                 self.search,
@@ -250,17 +251,21 @@ class ModelScorer:
                 columns.list_stop_columns(more.parts),
             )
             even = min(abs(gain), even)
-            gain = even if j is None else float(np.sign(gain)) * max(0.0, even)
+            gain = even if nested else float(np.sign(gain)) * max(0.0, even)
         return (
             gain
             + occam
-            + self.calc_log_prior(one.parts[k])
-            - (0.0 if j is None else self.calc_log_prior(other.parts[j]))
+            + self.calc_log_prior_of_all(one.parts)
+            - self.calc_log_prior_of_all(other.parts)
         )
+
+    def calc_log_prior_of_all(self, parts: Hypothesis) -> float:
+        """Return the log prior odds of all parts of a model, less the cost of their times."""
+        return sum(self.calc_log_prior(part) for part in parts)
 
     def calc_score(self, found: FittedHypothesis) -> float:
         """Return S: log evidence plus log prior odds of a whole model."""
-        return found.log_evidence + sum(self.calc_log_prior(part) for part in found.parts)
+        return found.log_evidence + self.calc_log_prior_of_all(found.parts)
 
     def estimate_score(self, one: ScoreTest) -> float:
         """Return the approximate score of an addition, from its score test."""
@@ -290,10 +295,10 @@ def judge_group(search: Search) -> GroupResult:
             now = _review_parts(board, _refit_with_nominals(board, now.fit))
         if not now.fit.parts:
             break
+        now = _merge_parts(board, now)
+    now = _weigh_subsets(board, now)
     null = search.refit_hypothesis(())
-    now, terms = compare_with_terms(
-        search, now, null, sum(board.calc_log_prior(part) for part in now.fit.parts)
-    )
+    now, terms = compare_with_terms(search, now, null, board.calc_log_prior_of_all(now.fit.parts))
     return GroupResult(search, null, now.fit, now.places, tuple(first), terms)
 
 
@@ -364,11 +369,11 @@ def _add_best_part(
         (one for one in refits if one.collinearity < MAX_COLLINEARITY),
         key=lambda one: -(one.log_evidence + board.calc_log_prior(one.parts[-1])),
     )[:MAX_REFINED]
-    best = max(refits, key=lambda one: board.calc_log_odds(one, len(now.parts), now), default=None)
+    best = max(refits, key=lambda one: board.calc_log_odds(one, now), default=None)
     if best is None:
         return None
     best = refine_onsets(board.search, best)
-    return best if board.calc_log_odds(best, len(now.parts), now) > MIN_REPORT_LOG_ODDS else None
+    return best if board.calc_log_odds(best, now) > MIN_REPORT_LOG_ODDS else None
 
 
 def _add_parts_together(
@@ -553,7 +558,7 @@ def _compare_effects(board: ModelScorer, now: FittedHypothesis) -> ComparedModel
     places: list[Alternatives] = []
     for k, part in enumerate(now.parts):
         alone = board.refit_model(remove_part(now.parts, k), now)
-        own, place, found = board.calc_log_odds(now, k, alone), len(alone.parts), []
+        own, found = board.calc_log_odds(now, alone), list[RivalEffect]()
         for rival in _list_alternatives(board, alone, part):
             tried = board.refit_model((*alone.parts, rival), alone)
             if tried.collinearity < MAX_COLLINEARITY:
@@ -562,8 +567,7 @@ def _compare_effects(board: ModelScorer, now: FittedHypothesis) -> ComparedModel
                     RivalEffect(
                         tried.parts[-1],
                         higher(
-                            board.calc_log_odds(now, k, tried, place),
-                            own - board.calc_log_odds(tried, place, alone),
+                            board.calc_log_odds(now, tried), own - board.calc_log_odds(tried, alone)
                         ),
                     )
                 )
@@ -575,6 +579,85 @@ def _compare_effects(board: ModelScorer, now: FittedHypothesis) -> ComparedModel
         }
         places.append(Alternatives(own, tuple(sorted(best.values(), key=lambda r: r.behind))))
     return ComparedModel(now, tuple(places))
+
+
+def _merge_parts(board: ModelScorer, now: ComparedModel) -> ComparedModel:
+    """Return the more probable of a model and the models with one effect in place of two: two
+    beginnings may be one temporary effect, and two effects a single one that does what both do."""
+    for i, j in combinations(range(len(now.fit.parts)), 2):
+        first, second = now.fit.parts[i], now.fit.parts[j]
+        alone = board.refit_model(remove_part(remove_part(now.fit.parts, j), i), now.fit)
+        tried = _list_alternatives(board, alone, first)
+        times = sorted(one.onset_s for one in (first, second) if one.onset_s is not None)
+        if len(times) == 2 and times[0] < times[1]:
+            tried += [
+                one._replace(onset_s=times[0], until_s=times[1], grows=False)
+                for one in (first, second)
+            ]
+        refits = [board.refit_model((*alone.parts, one), alone) for one in tried]
+        best = max(
+            (one for one in refits if one.collinearity < MAX_COLLINEARITY),
+            key=board.calc_score,
+            default=None,
+        )
+        if best is not None and board.calc_score(best) > board.calc_score(now.fit):
+            return _review_parts(
+                board, _refit_with_nominals(board, refine_onsets(board.search, best))
+            )
+    return now
+
+
+def _weigh_subsets(board: ModelScorer, now: ComparedModel) -> ComparedModel:
+    """Return a model with the worth of each part by the sum over all subsets of its parts: the
+    odds of the subsets with the part against those without it.
+
+    The nominal values of each subset are settled for that subset. The most probable subset
+    replaces the model."""
+    search = board.search
+    while now.fit.parts:
+        parts, stand = now.fit.parts, dict(search.model.offsets)
+        kept = list(product((False, True), repeat=len(parts)))[:-1]
+        subsets = [tuple(p for p, there in zip(parts, one, strict=True) if there) for one in kept]
+        fits = [board.refit_model(one, now.fit) for one in subsets]
+        odds = [-board.calc_log_odds(now.fit, one) for one in fits]
+        settled = [_settle_alone(search, one) for one in fits]
+        own = max(0.0, _settle_alone(search, now.fit).log_evidence - now.fit.log_evidence)
+        for k, (one, there) in enumerate(zip(fits, settled, strict=True)):
+            odds[k] += max(0.0, there.log_evidence - one.log_evidence) - own
+        search.model.set_offsets(stand)
+        best = int(np.argmax(odds))
+        if odds[best] <= 0.0:
+            now = now._replace(places=_sum_odds(now, [*odds, 0.0], kept, search.model.machine))
+            worth = [place.worth for place in now.places]
+            if min(worth) > MIN_REPORT_LOG_ODDS:
+                return now
+            best = kept.index(tuple(k != int(np.argmin(worth)) for k in range(len(parts))))
+        now = _review_parts(
+            board, _refit_with_nominals(board, board.refit_model(subsets[best], now.fit))
+        )
+    return now
+
+
+def _sum_odds(
+    now: ComparedModel, odds: Sequence[float], kept: Sequence[tuple[bool, ...]], machine: Machine
+) -> tuple[Alternatives, ...]:
+    """Return the alternatives of each effect with its worth by the subsets' odds (n,). kept :
+    which effects each subset but the last, the whole model, has (n - 1, k)."""
+    weights, has = np.array(odds), np.array([*kept, (True,) * len(now.places)])
+    places = []
+    for k, (part, sd, place) in enumerate(zip(now.fit.parts, now.fit.sd, now.places, strict=True)):
+        worth = float(logsumexp(weights[has[:, k]]) - logsumexp(weights[~has[:, k]]))
+        place = place._replace(worth=worth)
+        if not CATALOGUE[part.id].effect.onset_only:
+            place = place.limit(calc_size_confidence(part.size, calc_total_sd(part, sd, machine)))
+        places.append(place)
+    return tuple(places)
+
+
+def _settle_alone(search: Search, fit: FittedHypothesis) -> FittedHypothesis:
+    """Return a model refitted with nominal values that are settled for this model alone."""
+    search.model.set_offsets({})
+    return search.refit_hypothesis(settle_nominal_values(search.columns, fit.parts), fit.noise)
 
 
 def _list_alternatives(

@@ -12,8 +12,10 @@ multivariate t with `BLOCK_DOF` degrees of freedom (scale mixtures: West, Biomet
 A temporarily loud block counts as noise; a column that fits such a block still counts in full.
 
 Moves that the model predicts badly make a column's scores differ between blocks more than its
-information allows. The gain is divided by the ratio of block-robust to model variance of its score
-(Kent, Biometrika 69, 1982, 19; Miller and Dunson, JASA 114, 2019, 1113: coarsening).
+information allows. The gain is divided by the ratio of block-robust to model variance of its score,
+each summed over the blocks (Kent, Biometrika 69, 1982, 19; Miller and Dunson, JASA 114, 2019, 1113:
+coarsening). The block with the largest gain is left out: an event that no model describes (a hand
+on the machine) lies in a single block.
 
 A column gains in two ways: by the component that the other columns cannot follow, and by the cost
 that it saves columns with a prior (a tolerance that need not be exceeded). Without the column,
@@ -46,8 +48,6 @@ BLOCK_S = 30.0
 MIN_BLOCKS, MAX_BLOCKS = 8, 64
 # Degrees of freedom of a block's noise: its s.d. agrees with that of other blocks to some 30 %.
 BLOCK_DOF = 5.0
-# Minimum energy of a column in a block: with less, the column has no effect there.
-MIN_BLOCK_ENERGY = 1e-9
 
 
 class WhitenedResidual:
@@ -157,7 +157,8 @@ def calc_block_gain(
     size = float(own @ residual.left) / float(own @ own)
     # Each prior is one more reading, of its mean, with its s.d. as noise.
     off, spared = residual.left[residual.priors], own[residual.priors]
-    moved, stands = size * float(off @ spared) - 0.5 * size**2 * float(spared @ spared), 0.0
+    of_priors = size * float(off @ spared) - 0.5 * size**2 * float(spared @ spared)
+    moved, stands = list[Array](), list[Array]()
     scores, energies = list[Array](), list[Array]()
     for channel in model.channels:
         r, t, h = (residual.make_series(channel, rows) for rows in (residual.left, own, held))
@@ -175,25 +176,31 @@ def calc_block_gain(
             np.add.reduceat(product, edges)
             for product in (left**2, r**2, (r + size * h) ** 2, t * left, t**2, np.ones(len(r)))
         )
-        moved += _calc_student_gain(without, within, count)
-        stands += _calc_student_gain(stood, within, count)
+        moved.append(_calc_student_gains(without, within, count))
+        stands.append(_calc_student_gains(stood, within, count))
         scores.append(score)
         energies.append(energy)
-    return min(moved, stands) / _calc_variance_ratio(
-        np.concatenate(scores), np.concatenate(energies)
+    gain = min(
+        of_priors + _sum_without_best(np.concatenate(moved)),
+        _sum_without_best(np.concatenate(stands)),
+    )
+    return gain / _calc_variance_ratio(np.concatenate(scores), np.concatenate(energies))
+
+
+def _calc_student_gains(without: Array, within: Array, count: Array) -> Array:
+    """Return the gain of each block (b,) from its sums of squares without and with a trace (b,): a
+    multivariate t in each block."""
+    return np.asarray(
+        0.5 * (BLOCK_DOF + count) * (np.log(BLOCK_DOF + without) - np.log(BLOCK_DOF + within))
     )
 
 
-def _calc_student_gain(without: Array, within: Array, count: Array) -> float:
-    """Return the gain from sums of squares without and with a trace, (b,): a multivariate t in each
-    block."""
-    return 0.5 * float(
-        np.sum((BLOCK_DOF + count) * (np.log(BLOCK_DOF + without) - np.log(BLOCK_DOF + within)))
-    )
+def _sum_without_best(gains: Array) -> float:
+    """Return the sum of the gains of blocks (b,) without the largest positive gain."""
+    return float(gains.sum() - max(0.0, gains.max(initial=0.0)))
 
 
 def _calc_variance_ratio(score: Array, energy: Array) -> float:
-    """Return the ratio of block-robust to model variance of a trace's score by block (b,), from its
-    energy there (b,); 1 where the blocks agree better."""
-    known = energy > MIN_BLOCK_ENERGY * max(float(energy.sum()), 1e-300)
-    return max(1.0, float(np.mean(score[known] ** 2 / energy[known]))) if known.any() else 1.0
+    """Return the ratio of block-robust to model variance of a trace's score, from its score and
+    energy in each block (b,); 1 where the blocks agree better."""
+    return max(1.0, float(np.sum(score**2)) / max(float(np.sum(energy)), 1e-300))
