@@ -24,8 +24,8 @@ MIN_REPORT_LOG_ODDS = log(MIN_NAMED_PROB / (1.0 - MIN_NAMED_PROB))
 ALARM_LEVEL = 0.02
 # Number of groups of channels that are judged in a run log (`runs.model.GROUPS`).
 RUN_GROUPS = 4
-# Prior odds that a bench table, or all groups of a run log together, have a fault. A healthy log
-# reaches posterior odds of exp(MIN_REPORT_LOG_ODDS) with a probability of at most the prior odds over them
+# Prior odds that a bench table, or all groups of a run log together, have a fault. The probability
+# that a healthy log reaches the posterior odds of a report is at most the prior odds over these
 # (Ville's inequality; Shafer et al., Statist. Sci. 26, 2011, 84).
 FAULT_PROB = ALARM_LEVEL * exp(MIN_REPORT_LOG_ODDS)
 # Prior shares of a fault's time course: most faults existed before the log began.

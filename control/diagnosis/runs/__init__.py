@@ -41,5 +41,6 @@ Files:
 - `speed_and_heads`: Compares redundant sensors of a log where both have new readings
 - `stages`: Prepares a run log for the machine model's stages
 - `terms`: Searches terms that a log shows beyond the catalogue
+- `unit_change`: Did a column change its unit within a log?
 - `whitened`: Calculates the whitened residual of a hypothesis, the gain of columns
 """
