@@ -33,6 +33,7 @@ from topdress.control.recordings.values import blank_unreadable
 from .channels import ChannelSeries, make_channels, remove_narrowband
 from .findings import (
     note_doubted_units,
+    note_effort_inputs,
     note_faults_between_rows,
     note_hardly_read,
     note_reverse_turning,
@@ -249,6 +250,7 @@ def judge_run(
         *note_reverse_turning(log, machine),
         *note_unsure_drives(log, data),
         *note_hardly_read(log, data),
+        *note_effort_inputs(log, machine),
         *note_doubted_units(data, machine),
         *note_unloaded_flanks(data, machine),
     ]

@@ -85,13 +85,25 @@ class DriveEffort(NamedTuple):
 
 
 def read_efforts(log: CleanLog, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
-    """Return the efforts of all drives that log their effort and moved."""
+    """Return the efforts of all drives that log their effort and moved, and the inputs of their
+    models."""
     found = [
         read_drive_effort(name, log, every, machine)
         for name in EFFORT_CHANNELS
-        if name in log.stages
+        if name in log.stages and not list_missing_inputs(name, log, machine)
     ]
     return tuple(one for one in found if one is not None)
+
+
+def list_missing_inputs(name: str, log: CleanLog, machine: Machine) -> list[str]:
+    """Return the columns on which the effort of a drive depends and that a log has not: without
+    them a load that changes looks like friction."""
+    needed = []
+    if name == "effort" and machine.effort.load > 0.0 and not log.has_column("opening_mm_cmd"):
+        needed.append("opening_mm")
+    if machine.effort.by_supply > 0.0:
+        needed.append("supply_v")
+    return [column for column in needed if not log.has_column(column)]
 
 
 def read_drive_effort(

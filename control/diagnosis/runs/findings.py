@@ -28,6 +28,7 @@ from .drives import (
     measure_zero_offset,
     read_whole_drives,
 )
+from .effort import EFFORT_CHANNELS, list_missing_inputs
 from .grid import choose_row_windows, hold_last_value
 from .hypothesis import EffectInstance, make_schedule
 from .inputs import MAX_FINE_STEP_S
@@ -253,6 +254,15 @@ def note_hardly_read(log: CleanLog, data: RunData) -> list[str]:
         "or there are too few"
         for word, seen in (("flow", data.hopper), ("speed", data.speed), ("heads", data.heads))
         if word in log.stages and seen is None
+    ]
+
+
+def note_effort_inputs(log: CleanLog, machine: Machine) -> list[str]:
+    """Return findings about drives whose effort depends on a column that the log has not."""
+    return [
+        f"{name} is left out: it depends on {' and '.join(missing)}, and the log has no such column"
+        for name in EFFORT_CHANNELS
+        if name in log.stages and (missing := list_missing_inputs(name, log, machine))
     ]
 
 

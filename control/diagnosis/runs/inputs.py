@@ -129,11 +129,11 @@ def make_term_inputs(log: CleanLog, every: LogRows, machine: Machine) -> dict[st
     ):
         if np.isfinite(command).all():
             found[written] = average_commands_over_log(command, time, dead_s)
-        if log.has_stage(name):
+        if log.has_column(name):
             found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
             if written not in found:
                 found[written] = found[name]
-    if log.has_stage("shaft_rpm"):
+    if log.has_column("shaft_rpm"):
         found[SHAFT_ANGLE] = calc_angle_over_log(every.shaft_rpm, time)
     further = {name: bridge_gaps(time, series, series) for name, series in log.further.items()}
     return found | read_slow_sensors(log, every) | further
@@ -145,15 +145,15 @@ def read_slow_sensors(log: CleanLog, every: LogRows) -> dict[str, Array]:
     found = {
         name: series
         for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
-        if log.has_stage(name)
+        if log.has_column(name)
     }
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
-        if log.has_stage(name):
+        if log.has_column(name):
             found[name] = smooth_series(
                 bridge_gaps(every.time_s, log.columns[name], np.zeros(len(every.time_s))),
                 log.step_s,
             )
-    if log.has_stage("heading_deg"):
+    if log.has_column("heading_deg"):
         found["heading_deg"] = np.mod(hold_last_value(log.columns["heading_deg"]), 360.0)
     return found
 

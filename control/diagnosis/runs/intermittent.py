@@ -106,25 +106,27 @@ def remove_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Direc
     """Remove intermittent effects from the data, and return the data with the removed effects."""
     found: list[DirectDetection] = []
     if data.speed is not None:
-        speed, seen = _remove_dips(data.speed, _list_where_variables(data))
+        speed, seen = _remove_dips(data.speed, _list_where_variables(data, data.speed.time_s))
         if seen is not None:
             data = data._replace(speed=speed)
             found.append(seen)
-    bare = None
-    for k, effort in enumerate(data.efforts):
-        if effort.name == "effort" and (bare := _find_unloaded_spells(effort, machine)) is not None:
-            data = data._replace(efforts=(*data.efforts[:k], bare.left, *data.efforts[k + 1 :]))
+    spells = next((one for one in data.efforts if one.name == "effort"), None)
+    bare = None if spells is None else _find_unloaded_spells(spells, machine, data)
     seen = None
     if data.hopper is not None:
-        hopper, seen = _remove_bridges(data.hopper, machine, bare)
+        level = _read_scale_level(data.hopper, machine)
+        # The drive's load tells when the rollers were empty, the scale whether they were: a current
+        # sensor that reads less leaves the mass as it is.
+        if bare is not None and not _has_scale_stood(data.hopper, level, bare):
+            bare = None
+        hopper, seen = _remove_bridges(data.hopper, level, bare)
         data = data._replace(hopper=hopper)
-    if (
-        seen := max(
-            (one for one in (seen, bare and bare.seen) if one is not None),
-            key=lambda one: one.log_odds,
-            default=None,
+    if bare is not None:
+        data = data._replace(
+            efforts=tuple(bare.left if one is spells else one for one in data.efforts)
         )
-    ) is not None:
+        seen = max((seen, bare.seen), key=lambda one: -np.inf if one is None else one.log_odds)
+    if seen is not None:
         found.append(seen)
     return data, tuple(found)
 
@@ -145,7 +147,7 @@ class _Unloaded(NamedTuple):
         )
 
 
-def _find_unloaded_spells(e: DriveEffort, machine: Machine) -> _Unloaded | None:
+def _find_unloaded_spells(e: DriveEffort, machine: Machine, data: RunData) -> _Unloaded | None:
     """Return the spells in which the material's load was absent, or None. At least one spell must
     end, because an empty hopper's does not."""
     bins, stages = predict_binned_effort(e), list_stages(machine)
@@ -178,9 +180,17 @@ def _find_unloaded_spells(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     edges = np.diff(on.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     ended = bool(len(begins)) and bool(known[ends[0] :].any())
+    if not ended:
+        return None
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[known].mean()))
-    odds = evidence + find_prior_odds(bridging)
-    if not ended or odds <= MIN_REPORT_LOG_ODDS:
+    odds = _limit_by_variables(
+        evidence + find_prior_odds(bridging),
+        bridging,
+        on[loaded],
+        [values[loaded] for values in _list_where_variables(data, e.middle_s)],
+        float(on.sum()) / len(begins),
+    )
+    if odds <= MIN_REPORT_LOG_ODDS:
         return None
     half_s = 0.5 * e.grid.step_s
     return _Unloaded(
@@ -191,12 +201,11 @@ def _find_unloaded_spells(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     )
 
 
-def _list_where_variables(data: RunData) -> list[Array]:
-    """Return variables on which a wheel's rolling may depend, at the rows of the speeds. A loss
-    that depends on such a variable is no missing pulse."""
-    assert data.speed is not None
+def _list_where_variables(data: RunData, time_s: Array) -> list[Array]:
+    """Return the variables on which a loss may depend, at times (m,): (m,) each. A loss that
+    depends on such a variable is no missing pulse and no bridge."""
     return [
-        np.interp(data.speed.time_s, data.time_s, values)
+        np.interp(time_s, data.time_s, values)
         for name, values in data.variables.items()
         if name not in TREND_VARIABLES
     ]
@@ -236,21 +245,13 @@ def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Direc
         for rows in (1, LONG_DIP_ROWS)
     )
     # The evidence is divided by 2, because pulses were counted in two ways.
-    odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)
-    followed = [_calc_class_evidence(dips[moving], values[moving], pulse_rows) for values in where]
-    # Some variables change over time only, and so may missing pulses.
-    if followed:
-        steady = COURSE_PROBS["steady"]
-        for_a_while = np.log(1.0 - steady) + _calc_class_evidence(
-            dips[moving], np.arange(float(moving.sum())), pulse_rows
-        )
-        alone = find_prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
-        odds = min(
-            odds,
-            alone
-            - float(np.logaddexp.reduce(followed))
-            - float(np.log(UNKNOWN_PROB / len(followed))),
-        )
+    odds = _limit_by_variables(
+        evidence - float(np.log(2.0)) + find_prior_odds(missed),
+        missed,
+        dips[moving],
+        [values[moving] for values in where],
+        pulse_rows,
+    )
     if odds <= MIN_REPORT_LOG_ODDS:
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
@@ -258,6 +259,31 @@ def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Direc
     return s._replace(wheel_mps=wheel, unseen_percent=UNDETECTED_SD_SHARE * share), DirectDetection(
         missed, float(sd), odds
     )
+
+
+def _limit_by_variables(
+    log_odds: float, part: EffectInstance, on: BoolArray, where: Sequence[Array], spell_rows: float
+) -> float:
+    """Return the log odds of an intermittent effect, at most those against a loss that depends on
+    a recorded variable.
+
+    Parameters
+    ----------
+    on : rows in which the loss is seen (n,).
+    where : variables on which it may depend, (n,) each.
+    spell_rows : length of a spell, rows.
+    """
+    followed = [_calc_class_evidence(on, values, spell_rows) for values in where]
+    if not followed:
+        return log_odds
+    # Some variables change over time only, and so may spells.
+    steady = COURSE_PROBS["steady"]
+    for_a_while = np.log(1.0 - steady) + _calc_class_evidence(
+        on, np.arange(float(len(on))), spell_rows
+    )
+    alone = find_prior_odds(part) + float(np.logaddexp(np.log(steady), for_a_while))
+    by_variable = float(np.logaddexp.reduce(followed)) + float(np.log(UNKNOWN_PROB / len(followed)))
+    return min(log_odds, alone - by_variable)
 
 
 def _count_pulses(on: BoolArray, rows: float) -> float:
@@ -341,22 +367,14 @@ class _ScaleLevel(NamedTuple):
     after_gap: npt.NDArray[np.int64]
 
 
-def _remove_bridges(
-    h: Hopper, machine: Machine, bare: _Unloaded | None
-) -> tuple[Hopper, DirectDetection | None]:
-    """Remove spells in which the scale stands still though the shaft turns, and return the hopper
-    with the detected effect.
-
-    Long spells are found in blocks, short spells by the permanent step in (reading - prediction).
-    bare : spells from the drive's load, accurate to half a second; used where the scale confirms
-    them.
-    """
+def _read_scale_level(h: Hopper, machine: Machine) -> _ScaleLevel:
+    """Return the residual of the nominal machine for a scale."""
     channel = make_hopper_channel(h, machine)
     predicted = channel.predict(make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, NOISE_WINDOW) / max(float(np.median(steps)), 1e-9))
-    level = _ScaleLevel(
+    return _ScaleLevel(
         predicted,
         left,
         swell,
@@ -365,12 +383,23 @@ def _remove_bridges(
             for bins in (h.jumps, [end for end, _ in h.gaps])
         ),
     )
+
+
+def _remove_bridges(
+    h: Hopper, level: _ScaleLevel, bare: _Unloaded | None
+) -> tuple[Hopper, DirectDetection | None]:
+    """Remove spells in which the scale stands still though the shaft turns, and return the hopper
+    with the detected effect.
+
+    Long spells are found in blocks, short spells by the permanent step in (reading - prediction).
+    bare : spells from the drive's load, accurate to half a second, that the scale confirms.
+    """
     found = [
         one
         for one in (
             _find_long_bridges(h, level),
             _find_short_bridges(h, level),
-            _find_load_spells(h, level, bare),
+            bare and (np.cumsum(_calc_unfallen_mass(h, level, bare)[1]), bare.seen),
         )
         if one is not None
     ]
@@ -381,18 +410,20 @@ def _remove_bridges(
     return h._replace(reading_kg=h.reading_kg - np.interp(at_s, h.grid.even_s, stayed_kg)), seen
 
 
-def _find_load_spells(
-    h: Hopper, level: _ScaleLevel, bare: _Unloaded | None
-) -> tuple[Array, DirectDetection] | None:
-    """Return the mass that remained (m,), kg, in the spells found from the drive's load; None where
-    the scale fell in the meantime."""
-    if bare is None:
-        return None
+def _has_scale_stood(h: Hopper, level: _ScaleLevel, bare: _Unloaded) -> bool:
+    """Tell whether the scale stood still in the spells found from the drive's load: more than half
+    of the mass that the model meters there remained."""
+    stands, fell = _calc_unfallen_mass(h, level, bare)
+    rose = float(np.sum(stands * np.diff(level.left, prepend=level.left[:1])))
+    return rose > 0.5 * float(fell.sum())
+
+
+def _calc_unfallen_mass(h: Hopper, level: _ScaleLevel, bare: _Unloaded) -> tuple[Array, Array]:
+    """Return the share of each sample without material (m,), and the mass that the model meters
+    there (m,), kg."""
     edges_s = np.append(h.grid.even_s, h.grid.even_s[-1] + h.grid.step_s) - 0.5 * h.grid.step_s
     stands = np.diff(bare.calc_unloaded_time(edges_s)) / h.grid.step_s
-    fell = stands * np.maximum(0.0, -np.diff(level.predicted, prepend=level.predicted[:1]))
-    rose = float(np.sum(stands * np.diff(level.left, prepend=level.left[:1])))
-    return (np.cumsum(fell), bare.seen) if rose > 0.5 * float(fell.sum()) else None
+    return stands, stands * np.maximum(0.0, -np.diff(level.predicted, prepend=level.predicted[:1]))
 
 
 def _find_short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDetection] | None:

@@ -284,7 +284,7 @@ class CleanLog(NamedTuple):
             np.isfinite(self.columns["work_switch"]), self.columns["work_switch"] > 0.5, np.nan
         )
 
-    def has_stage(self, name: str) -> bool:
+    def has_column(self, name: str) -> bool:
         return bool(np.isfinite(self.columns[name]).any())
 
 

@@ -599,7 +599,6 @@ def _make_cause(
         size = Size(part.onset_s, *find_stop_interval(one.search.model, part), unit)
     else:
         sd = calc_total_sd(part, sd, machine)
-        place = place.limit(calc_size_confidence(part.size, sd))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
     known = place.calc_probabilities(left)

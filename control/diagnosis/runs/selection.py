@@ -233,13 +233,23 @@ class ModelScorer:
         self._scans.clear()
         self._kept_at = self.search.model.moves
 
-    def calc_log_odds(self, one: FittedHypothesis, other: FittedHypothesis) -> float:
-        """Return D: the log posterior odds of a model against another. The gain over a nested model
-        is at most its even gain."""
+    def calc_log_odds(
+        self,
+        one: FittedHypothesis,
+        other: FittedHypothesis,
+        settled: tuple[FittedHypothesis, FittedHypothesis] | None = None,
+    ) -> float:
+        """Return D: the log posterior odds of a model against another.
+
+        Parameters
+        ----------
+        one, other : fitted at the same nominal values. Of the gain of the one over a nested model,
+            or of the better over the worse, the share counts that is even over blocks of time.
+        settled : both, each with the nominal values that fit it best; default: as they are.
+        """
         columns = self.search.columns
         nested = len(other.parts) < len(one.parts)
-        gain = one.log_likelihood - other.log_likelihood
-        occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
+        gain, share = one.log_likelihood - other.log_likelihood, 1.0
         if gain > 0.0 or not nested:
             more, less = (one, other) if gain > 0.0 else (other, one)
             even = calc_block_gain(
@@ -250,10 +260,12 @@ class ModelScorer:
                 # The position at which a gate stopped is free in both models.
                 columns.list_stop_columns(more.parts),
             )
-            even = min(abs(gain), even)
-            gain = even if nested else float(np.sign(gain)) * max(0.0, even)
+            share = min(1.0, (even if nested else max(0.0, even)) / max(abs(gain), 1e-300))
+        one, other = settled or (one, other)
+        gain = one.log_likelihood - other.log_likelihood
+        occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         return (
-            gain
+            (gain * share if gain > 0.0 or not nested else gain)
             + occam
             + self.calc_log_prior_of_all(one.parts)
             - self.calc_log_prior_of_all(other.parts)
@@ -619,12 +631,12 @@ def _weigh_subsets(board: ModelScorer, now: ComparedModel) -> ComparedModel:
         kept = list(product((False, True), repeat=len(parts)))[:-1]
         subsets = [tuple(p for p, there in zip(parts, one, strict=True) if there) for one in kept]
         fits = [board.refit_model(one, now.fit) for one in subsets]
-        odds = [-board.calc_log_odds(now.fit, one) for one in fits]
-        settled = [_settle_alone(search, one) for one in fits]
-        own = max(0.0, _settle_alone(search, now.fit).log_evidence - now.fit.log_evidence)
-        for k, (one, there) in enumerate(zip(fits, settled, strict=True)):
-            odds[k] += max(0.0, there.log_evidence - one.log_evidence) - own
+        settled = [_settle_alone(search, one) for one in (now.fit, *fits)]
         search.model.set_offsets(stand)
+        odds = [
+            -board.calc_log_odds(now.fit, one, (settled[0], there))
+            for one, there in zip(fits, settled[1:], strict=True)
+        ]
         best = int(np.argmax(odds))
         if odds[best] <= 0.0:
             now = now._replace(places=_sum_odds(now, [*odds, 0.0], kept, search.model.machine))
@@ -655,9 +667,11 @@ def _sum_odds(
 
 
 def _settle_alone(search: Search, fit: FittedHypothesis) -> FittedHypothesis:
-    """Return a model refitted with nominal values that are settled for this model alone."""
+    """Return a model refitted with nominal values that are settled for this model alone, where it
+    fits better with them."""
     search.model.set_offsets({})
-    return search.refit_hypothesis(settle_nominal_values(search.columns, fit.parts), fit.noise)
+    settled = search.refit_hypothesis(settle_nominal_values(search.columns, fit.parts), fit.noise)
+    return max((fit, settled), key=lambda one: one.log_evidence)
 
 
 def _list_alternatives(
