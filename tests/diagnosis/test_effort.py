@@ -23,6 +23,7 @@ from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_log
 
 from tests.diagnosis.known_causes import EXPECTED, Expected
+from tests.diagnosis.logs import whole_run
 
 # not to be handed on from here
 RECORDED = Path(__file__).parents[2].parent / "shared" / "data" / "known_causes"
@@ -253,4 +254,40 @@ def test_a_simulated_run_at_one_speed_tells_effort_and_says_what_it_does_not_tel
     assert (
         result.exit_code == 0
         and "one speed: what goes with speed does not part from dry friction" in result.output
+    )
+
+
+@cache
+def run_with_effort() -> Columns:
+    """Ten minutes of a healthy machine, with the effort of its shaft's drive."""
+    log, rng = dict(whole_run(3)), np.random.default_rng(4)
+    load = 8.0 + 0.6 * log["shaft_rpm"] + 0.06 * 5.5 * log["opening_mm"] * (log["shaft_rpm"] > 5.0)
+    log["shaft_effort"] = np.where(
+        log["shaft_rpm"] > 2.0,
+        load * 13.5 / log["supply_v"] + rng.standard_normal(len(load)),
+        0.0,
+    )
+    return log
+
+
+def with_effort() -> Machine:
+    return load_config("huanghai", MACHINE_KIND).model
+
+
+def test_a_current_sensor_that_reads_by_the_supply_is_no_bridge() -> None:
+    """It reads 40 % more for each missing volt, so less at a high supply; the scale says that
+    the flow is sound."""
+    log = dict(run_with_effort())
+    log["shaft_effort"] = log["shaft_effort"] * (1.0 + 0.4 * (13.5 - log["supply_v"]))
+    assert "flow.bridging" not in {cause.id for cause in diagnose_run(log, with_effort()).causes}
+
+
+def test_an_effort_without_the_columns_that_it_depends_on_is_left_out() -> None:
+    kept = {"time_s", "shaft_rpm_cmd", "shaft_rpm", "shaft_effort"}
+    log = {name: values for name, values in run_with_effort().items() if name in kept}
+    found = diagnose_run(log, with_effort())
+    assert not found.causes
+    assert any(
+        text.startswith("effort is left out: it depends on opening_mm and supply_v")
+        for text in found.findings
     )
