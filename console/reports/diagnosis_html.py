@@ -137,7 +137,7 @@ def make_diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         "" if found.verdict == "ambiguous" else _format_next_run(found),
         format_folded(
             "Figures of the method, for whoever wants to check it",
-            format_section("Gain on data that the naming never saw", _format_gains(found.gain)),
+            format_section("Gain where no size was fitted", _format_gains(found.gain)),
             format_section("Channels", _format_channels(found)),
             _format_not_shown(found),
         ),
@@ -267,9 +267,6 @@ def _format_gains(gains: Sequence[Gain]) -> str:
     rows = []
     for gain in gains:
         after, interval = format_with_interval(gain.after, gain.low, gain.high)
-        # A perfect nominal prediction has no percentage of improvement.
-        less = 100.0 * (1.0 - gain.after / gain.before) if gain.before > 0.0 else 0.0
-        change = f"{abs(less):.0f} % {'less' if less >= 0.0 else 'more'}"
         rows.append(
             (
                 gain.channel,
@@ -277,7 +274,7 @@ def _format_gains(gains: Sequence[Gain]) -> str:
                 format_number(gain.before),
                 after,
                 interval,
-                change,
+                sentences.describe_gain(gain),
                 gain.held_out,
             )
         )
@@ -286,7 +283,11 @@ def _format_gains(gains: Sequence[Gain]) -> str:
         rows,
         # The columns with numbers are aligned right.
         frozenset({2, 3, 4, 5}),
-    ) + format_paragraph("The interval is of the error with the causes.", "dim")
+    ) + format_paragraph(
+        "Sizes were fitted to the other blocks; the causes were chosen on all blocks. The interval "
+        "is that of the error with the causes, the interval of the change that of the gain.",
+        "dim",
+    )
 
 
 def _format_channels(found: Diagnosis) -> str:

@@ -73,8 +73,8 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
     )
     for gain in found.gain:
         lines.append(
-            f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
-            f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})"
+            f"gain where no size was fitted ({gain.held_out}): {gain.channel} {gain.metric} "
+            f"{gain.before:.4g} -> {gain.after:.4g}: {diagnosis_wording.describe_gain(gain)}"
         )
     if found.next_run is not None:
         lines += ["", f"next run: {found.next_run.plan}", f"    because {found.next_run.why}"]

@@ -27,6 +27,7 @@ from topdress.control.diagnosis.result import (
     Cause,
     Diagnosis,
     FieldCost,
+    Gain,
     NotShown,
     Size,
     UnattributedDriveFit,
@@ -254,6 +255,20 @@ def describe_whole(of: UnattributedDriveFit) -> str:
     """Returns a drive that was fitted as a whole: its effects, and the 90 % intervals."""
     sizes = ", ".join(f"{find_effect_title(name)} {format_size(size)}" for name, size in of.sizes)
     return _("{channel} as a whole: {sizes}").format(channel=name_channel(of.channel), sizes=sizes)
+
+
+def describe_gain(gain: Gain) -> str:
+    """Returns the change of an error with its 90 % interval, %; no gain where this holds 0."""
+    if gain.before <= 0.0:
+        return "no error before"
+    less, low, high = (
+        100.0 * (1.0 - value / gain.before) for value in (gain.after, gain.high, gain.low)
+    )
+    if low <= 0.0 <= high:
+        return f"no gain shown (90 %: {low:.0f} to {high:.0f} % less)"
+    word = "less" if less > 0.0 else "more"
+    near, far = sorted((abs(low), abs(high)))
+    return f"{abs(less):.0f} % {word} (90 %: {near:.0f} to {far:.0f} %)"
 
 
 def describe_whole_gain(of: UnattributedDriveFit) -> str:
