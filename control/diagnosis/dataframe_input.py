@@ -117,6 +117,9 @@ def _name_columns(data: Any) -> dict[str, Any]:
     """Return columns by name, unconverted."""
     if isinstance(data, Mapping):
         return {str(name): _read_column(str(name), values) for name, values in data.items()}
+    # A log that was read from a file has its columns in a mapping.
+    if isinstance(getattr(data, "columns", None), Mapping):
+        return _name_columns(data.columns)
     fields = getattr(getattr(data, "dtype", None), "names", None)
     if fields:
         return {name: np.ravel(data[name]) for name in fields}

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import topdress.control.diagnosis as entry
 from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.dataframe_input import read_columns
 from topdress.control.diagnosis.runs import report
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
@@ -64,6 +65,21 @@ def test_the_package_gives_what_a_notebook_needs() -> None:
     assert topdress.diagnose_run is entry.diagnose_run
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):
         _ = topdress.nothing_of_the_kind
+
+
+def test_a_log_that_was_read_is_diagnosed_as_the_package_says(tmp_path: Path) -> None:
+    time_s = np.arange(0.0, 60.0, 0.1)
+    table = np.column_stack([time_s, 1.3 + 0.0 * time_s, 1.3 + 0.0 * time_s])
+    np.savetxt(
+        tmp_path / "run.csv",
+        table,
+        delimiter=",",
+        header="time_s,speed_mps,wheel_speed_mps",
+        comments="",
+    )
+    log = topdress.read_log(tmp_path / "run.csv")
+    assert read_columns(log).keys() >= {"time_s", "speed_mps", "wheel_speed_mps"}
+    assert topdress.diagnose_run(log, Machine()).data.rows == 600
 
 
 def test_a_machine_file_is_saved_and_read_again(tmp_path: Path) -> None:

@@ -97,13 +97,9 @@ def read_efforts(log: CleanLog, every: LogRows, machine: Machine) -> tuple[Drive
 
 def list_missing_inputs(name: str, log: CleanLog, machine: Machine) -> list[str]:
     """Return the columns on which the effort of a drive depends and that a log has not: without
-    them a load that changes looks like friction."""
-    needed = []
-    if name == "effort" and machine.effort.load > 0.0 and not log.has_column("opening_mm_cmd"):
-        needed.append("opening_mm")
-    if machine.effort.by_supply > 0.0:
-        needed.append("supply_v")
-    return [column for column in needed if not log.has_column(column)]
+    the opening, a load that changes looks like friction."""
+    needed = ("opening_mm_cmd", "opening_mm") if name == "effort" and machine.effort.load else ()
+    return [] if not needed or any(map(log.has_column, needed)) else ["opening_mm"]
 
 
 def read_drive_effort(
