@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ipaddress
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.datagrams import is_loopback, parse_udp_address, validate_line_url
+from topdress.drivers.datagrams import is_loopback, parse_udp_address
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields, find_head_fields
+from topdress.drivers.devices.device import Baud, LineUrl
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.plugins import CALLABLE_TYPE, find_entry_points, find_plugin
 
 # Largest number of canopy heads on one boom.
@@ -18,8 +20,6 @@ DEFAULT_MODULE_PORT, DEFAULT_CONSOLE_PORT = 28888, 29999
 # Time without messages after which a rate module stops its own motor, s.
 MODULE_TIMEOUT_S = 4.0
 
-LineUrl = Annotated[str, AfterValidator(validate_line_url)]
-Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
 
@@ -234,47 +234,9 @@ def _is_network(text: str) -> bool:
     return True
 
 
-class LagRigConfig(FrozenModel):
-    """Describes the lag rig, where it is mounted for calibration."""
-
-    port: LineUrl
-    baud: Baud = 115200
-
-
-class TractorConfig(FrozenModel):
-    """Describes the tractor's own computer, or a gateway to it, that announces the speeds that the
-    tractor will reach (`$PTDSP`)."""
-
-    port: LineUrl
-    baud: Baud = 115200
-
-
-class RateLineConfig(FrozenModel):
-    """Describes another display that sends the target: `$R,RC` as for a Raven console, or `$PTDRT`.
-
-    The line is serial, `socket://`, or the `udp://` address at which this program listens; any
-    address other than loopback names the permitted sender: `?from=ADDRESS`. `unit_kg_ha` is the
-    unit of the number in a Raven sentence, which has no decimal point.
-    """
-
-    port: LineUrl
-    baud: Baud = 9600
-    unit_kg_ha: Annotated[float, Field(gt=0, le=100)] = 0.1
-
-    @model_validator(mode="after")
-    def _check_senders(self) -> Self:
-        if self.port.startswith("udp://") and parse_udp_address(self.port).senders is None:
-            raise ValueError(
-                f"port {self.port}: anybody on that network could say how much is spread: "
-                "allowed is "
-                "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed"
-            )
-        return self
-
-
-class CabConfig(FrozenModel):
+class CabBase(FrozenModel):
     """Lists the devices of a machine and where they are plugged in; None means that a device is not
-    fitted.
+    fitted. Devices with a line of their own add their sections.
 
     `record_only`: nothing is sent to any drive; the work of another controller is only logged and
     mapped. `virtual`: `topdress serve-machine` is at the other end of the ports instead of a
@@ -290,9 +252,6 @@ class CabConfig(FrozenModel):
     heads: HeadsConfig | None = None
     board: BoardConfig | None = None
     rate_module: RateModuleConfig | None = None
-    lag_rig: LagRigConfig | None = None
-    tractor: TractorConfig | None = None
-    rate_line: RateLineConfig | None = None
 
     @model_validator(mode="after")
     def _check_metering(self) -> Self:
@@ -330,3 +289,15 @@ class CabConfig(FrozenModel):
                 "no work switch is fitted: flow stops by speed, field edge and operator only"
             )
         return tuple(found)
+
+
+if TYPE_CHECKING:
+    CabConfig = CabBase
+else:
+    CabConfig = create_model(
+        "CabConfig",
+        __base__=CabBase,
+        __module__=__name__,
+        __doc__=CabBase.__doc__,
+        **{one.section: (one.config | None, None) for one in list_line_devices()},
+    )

@@ -8,6 +8,7 @@ Files:
 - `canopy_heads`: How are the lines of canopy heads decoded?
 - `capture`: How are the raw bytes of one device's line recorded, with times?
 - `decode`: What does a raw capture of one device contain, read through its real driver?
+- `device`: What does a device on a line of its own state about itself?
 - `gnss`: How are the NMEA 0183 sentences of GNSS receivers decoded to fixes?
 - `gpsd`: How are the JSON objects of gpsd decoded?
 - `lag_rig`: How are the lag rig's lines decoded and its orders encoded?
@@ -19,6 +20,7 @@ Files:
 - `rate_line`: Which target does another display send, and which rate does another controller apply?
 - `rate_module`: How does the host drive the metering shaft through a rate module on UDP?
 - `rate_module_frames`: How are datagrams of the open rate modules encoded and decoded?
+- `registry`: Which devices have a line of their own?
 - `slave_board`: How does the host talk to the slave board?
 - `tractor_speed`: Which speeds does the tractor announce?
 - `wheel`: How fast does the wheel turn?

@@ -13,15 +13,13 @@ from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
+from topdress.drivers.devices.device import LineDevice, Record
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import GpsdDecoder
 from topdress.drivers.devices.lines import Counts
-from topdress.drivers.devices.rate_line import RateLineDecoder
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import BoardReadings, SlaveBoard
-from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.plugins import find_plugin
-
-Record = dict[str, float | int | str | None]
 
 # A capture of bare bytes has no arrival times, so bytes are assumed to arrive at 9600 baud, the
 # usual rate of a receiver, bytes/s. Only rules about seconds depend on this rate, such as when a
@@ -130,27 +128,9 @@ def _make_board_record(readings: BoardReadings) -> Record:
     return record
 
 
-def _decode_rate_line(data: bytes) -> tuple[list[Record], Counts]:
-    return _decode_all(
-        RateLineDecoder(),
-        lambda measurement: {
-            "target_rate_kg_ha"
-            if measurement.is_target
-            else "applied_rate_kg_ha": measurement.rate_kg_ha
-        },
-        data,
-    )
-
-
-def _decode_tractor(data: bytes) -> tuple[list[Record], Counts]:
-    return _decode_all(
-        TractorSpeedDecoder(),
-        lambda announced: {
-            "acceleration_mps2": announced.acceleration_mps2,
-            **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in announced.points},
-        },
-        data,
-    )
+def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], Counts]:
+    assert device.make_record is not None
+    return _decode_all(device.make_decoder(None), device.make_record, data)
 
 
 DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
@@ -158,8 +138,11 @@ DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] =
     "gpsd": lambda data: _decode_all(GpsdDecoder(), _make_fix_record, data),
     "agopengps": lambda data: _decode_all(AgOpenGpsDecoder(), _make_fix_record, data),
     "board": lambda data: _decode_all(SlaveBoard(), _make_board_record, data),
-    "tractor": _decode_tractor,
-    "rate_line": _decode_rate_line,
+    **{
+        one.section: partial(_decode_line_device, one)
+        for one in list_line_devices()
+        if one.make_record is not None
+    },
     **{name: partial(_decode_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
     **{
         f"{name}-multi": partial(_decode_heads, layout, True)

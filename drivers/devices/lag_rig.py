@@ -11,12 +11,17 @@ from topdress.control.readings import Reading
 from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse_whole, seal_frame
 from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_sequence, split_frame
+from topdress.drivers.devices.device import LineConfig, LineDevice
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 
 ORDER_FRAME, STATUS_FRAME = "R1", "L1"
 # The smallest delay is searched in the last two blocks of this length, s, because crystals drift by
 # some 50 ppm.
 CLOCK_BLOCK_S = 10.0
+
+
+class LagRigConfig(LineConfig):
+    """Describes the lag rig, where it is mounted for calibration."""
 
 
 class RigStatus(NamedTuple):
@@ -133,3 +138,22 @@ def decode_rig_status(frame: bytes) -> RigStatus:
     return RigStatus(
         seq, run, state, micros, shaft_rpm, plate, start, land, parse_whole(fields[8], 255)
     )
+
+
+def make_example() -> bytes:
+    """Returns forty lines of an idle rig, 50 ms apart."""
+    return b"".join(
+        seal_frame(f"{STATUS_FRAME},{seq},0,0,{seq * 50_000},0.000,500,,,0") for seq in range(40)
+    )
+
+
+DEVICE = LineDevice(
+    section="lag_rig",
+    protocol="lag-rig/1",
+    heard_as="lag-rig/1",
+    config=LagRigConfig,
+    make_decoder=lambda config: LagRig(),
+    # The rig measures the machine's response for a calibration, and nothing that control needs.
+    find_measurements=lambda readings: {},
+    make_example=make_example,
+)

@@ -15,9 +15,7 @@ from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import GpsdDecoder
-from topdress.drivers.devices.lag_rig import LagRig
 from topdress.drivers.devices.lines import Counts, Ignored, Rejected
-from topdress.drivers.devices.rate_line import RateLineDecoder
 from topdress.drivers.devices.rate_module_frames import (
     BoardLabel,
     BoardStatus,
@@ -25,8 +23,8 @@ from topdress.drivers.devices.rate_module_frames import (
     ModuleTrace,
     decode_heard,
 )
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import SlaveBoard
-from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.ports import Clock, Port, escape_unprintable
 
 # Baud rates in the order of how common they are.
@@ -65,12 +63,10 @@ def make_decoders() -> dict[str, Decoder]:
     """Returns a new decoder for every line protocol, in any order."""
     return {
         "slave-board/1": SlaveBoard(),
-        "lag-rig/1": LagRig(),
         "agopengps": AgOpenGpsDecoder(),
-        "tractor": TractorSpeedDecoder(),
-        "rate_line": RateLineDecoder(),
         "nmea0183": GnssDecoder(),
         "gpsd": GpsdDecoder(),
+        **{one.heard_as or one.section: one.make_decoder(None) for one in list_line_devices()},
         **{
             f"{name} (multiplexed)": HeadDecoder(layout, head=None)
             for name, layout in FIELDS_OF_PROTOCOL.items()

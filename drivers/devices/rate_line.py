@@ -18,8 +18,12 @@ between: one digit that was spoilt on the line is no target. RateKing believes a
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import Annotated, NamedTuple, Self
 
+from pydantic import Field, model_validator
+from topdress.control.readings import Reading
+from topdress.drivers.datagrams import parse_udp_address
+from topdress.drivers.devices.device import Baud, LineConfig, LineDevice
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
@@ -29,6 +33,28 @@ _RAVEN_SENTENCE = re.compile(
     rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*"
 )
 _TOPDRESS_SENTENCE = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
+
+
+class RateLineConfig(LineConfig):
+    """Describes another display that sends the target: `$R,RC` as for a Raven console, or `$PTDRT`.
+
+    The line is serial, `socket://`, or the `udp://` address at which this program listens; any
+    address other than loopback names the permitted sender: `?from=ADDRESS`. `unit_kg_ha` is the
+    unit of the number in a Raven sentence, which has no decimal point.
+    """
+
+    baud: Baud = 9600
+    unit_kg_ha: Annotated[float, Field(gt=0, le=100)] = 0.1
+
+    @model_validator(mode="after")
+    def _check_senders(self) -> Self:
+        if self.port.startswith("udp://") and parse_udp_address(self.port).senders is None:
+            raise ValueError(
+                f"port {self.port}: anybody on that network could say how much is spread: "
+                "allowed is "
+                "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed"
+            )
+        return self
 
 
 class ReportedRate(NamedTuple):
@@ -74,3 +100,18 @@ class RateLineDecoder(LineDecoder[ReportedRate]):
 def make_target_sentence(rate_kg_ha: float) -> bytes:
     """Returns a target as a `$PTDRT` sentence."""
     return seal_sentence(f"PTDRT,{rate_kg_ha:.1f}")
+
+
+DEVICE = LineDevice(
+    section="rate_line",
+    protocol="rate-line/1",
+    config=RateLineConfig,
+    make_decoder=lambda config: RateLineDecoder(*(() if config is None else (config.unit_kg_ha,))),
+    find_measurements=lambda said: {
+        "rate_asked" if said.is_target else "rate_applied": Reading(said.rate_kg_ha, said.time_s)
+    },
+    make_record=lambda said: {
+        "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha
+    },
+    make_example=lambda: b"".join(make_target_sentence(100.0 + tick) for tick in range(40)),
+)

@@ -13,12 +13,18 @@ from __future__ import annotations
 import re
 
 from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announceable
+from topdress.drivers.devices.device import LineConfig, LineDevice
 from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 SENTENCE_HEADER = b"PTDSP,"
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
 _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
+
+
+class TractorConfig(LineConfig):
+    """Describes the tractor's own computer, or a gateway to it, that announces the speeds that the
+    tractor will reach (`$PTDSP`)."""
 
 
 class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
@@ -58,3 +64,24 @@ def make_speed_sentence(announced: SpeedPlan) -> bytes:
     """Returns an announcement as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
     return seal_sentence(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")
+
+
+def make_example() -> bytes:
+    """Returns forty announcements of a tractor that drives faster."""
+    speeds_mps = (1.2 + tick / 100.0 for tick in range(40))
+    plans = (SpeedPlan(0.0, ((0.0, now_mps), (1.5, 2.0)), 0.5) for now_mps in speeds_mps)
+    return b"".join(map(make_speed_sentence, plans))
+
+
+DEVICE = LineDevice(
+    section="tractor",
+    protocol="tractor-speed/1",
+    config=TractorConfig,
+    make_decoder=lambda config: TractorSpeedDecoder(),
+    find_measurements=lambda announced: {"speed_told": announced},
+    make_record=lambda announced: {
+        "acceleration_mps2": announced.acceleration_mps2,
+        **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in announced.points},
+    },
+    make_example=make_example,
+)

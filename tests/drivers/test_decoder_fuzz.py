@@ -10,7 +10,7 @@ import random
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix, SpeedPlan
+from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix
 from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.devices import probe
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
@@ -32,11 +32,11 @@ from topdress.drivers.devices.probe import (
     recognise_modules,
     recognise_protocol,
 )
-from topdress.drivers.devices.rate_line import MAX_RATE_KG_HA, make_target_sentence
+from topdress.drivers.devices.rate_line import MAX_RATE_KG_HA
 from topdress.drivers.devices.rate_module_frames import ModuleStatus
 from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import SlaveBoard
-from topdress.drivers.devices.tractor_speed import make_speed_sentence
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.extras import make_agopengps_frames
@@ -108,13 +108,9 @@ def clean(protocol: str) -> bytes:
             )
             for tick in range(40)
         )
-    if protocol == "tractor":
-        return b"".join(
-            make_speed_sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
-            for tick in range(40)
-        )
-    if protocol == "rate_line":
-        return b"".join(make_target_sentence(100.0 + tick) for tick in range(40))
+    for device in list_line_devices():
+        if device.section == protocol:
+            return device.make_example()
     name, _, multiplexed = protocol.partition("-")
     return b"".join(
         make_head_line(
@@ -309,14 +305,12 @@ HEARD = {
     "slave-board/1": b"".join(
         seal_frame(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
     ),
-    "tractor": clean("tractor"),
-    "rate_line": clean("rate_line"),
+    **{one.heard_as or one.section: one.make_example() for one in list_line_devices()},
     "greenseeker": b"345,0.5\r\n" + make_head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
     "acs435": make_head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
     "greenseeker (multiplexed)": b"".join(
         make_head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)
     ),
-    "lag-rig/1": b"".join(seal_frame(f"L1,{n},0,0,{n * 50000},0.000,500,,,0") for n in range(5)),
     "gpsd": b'{"class":"VERSION","release":"3.25"}\r\n',
 }
 
@@ -343,8 +337,9 @@ def test_every_shipped_decoder_is_named_in_any_order(first, monkeypatch):
         NAME_OF_CAPTURE.get(name, name.replace("-multi", " (multiplexed)")): clean(name)
         for name in DECODER_OF_PROTOCOL
     }
-    assert {*heard, "lag-rig/1"} == {*make_decoders()}, "a decoder without lines in this test"
-    for name, data in {**heard, **HEARD}.items():
+    heard |= HEARD
+    assert {*heard} == {*make_decoders()}, "a decoder without lines in this test"
+    for name, data in heard.items():
         assert recognise_protocol(data).protocol == name
     assert recognise_protocol(NO_FIX).protocol == "nmea0183"
 

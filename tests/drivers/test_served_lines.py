@@ -103,7 +103,7 @@ def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_pl
     from topdress.drivers.virtual.faults import LINE_FAULTS
 
     cab, machine = make_virtual_cab(fake_plant, clock)
-    board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
+    board, line = cab._drives.decoder, ServedLine((machine._board_port,), clock, seed=0)
     line.set_faults(LINE_FAULTS[fault])
     machine._board_port = line
     for _ in range(200):

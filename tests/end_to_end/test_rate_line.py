@@ -91,13 +91,11 @@ class Metering:
 
     @property
     def _read(self) -> int:
-        assert self.cab._rate_line is not None
-        return self.cab._rate_line[1].counts.read
+        return self.cab._line_devices["rate_line"].decoder.counts.read
 
     @property
     def connects(self) -> int:
-        assert self.cab._rate_line is not None
-        return self.cab._rate_line[0].port.state().connects
+        return self.cab._line_devices["rate_line"].line.port.state().connects
 
     def got_kg_ha(self, last_s: float) -> float:
         """What left the outlets, over the ground that passed."""
