@@ -34,6 +34,10 @@ NO_LISTS = {
         "MIN_RANGE": "least range for a dependence to show",
         "DOWNSTREAM_VARIABLES": "which variables a stage changes",
     },
+    "control/diagnosis/runs/unit_change.py": {
+        "UNITS": "units into which a column may change",
+        "REFERENCES": "columns that go in proportion",
+    },
     "control/safety/alarm_conditions.py": {"CONDITIONS": "details of alarms"},
     "control/simulation/closed_loop.py": {"RECORDED_COLUMNS": "what a simulated run records"},
     "drivers/devices/board_frames.py": {"STATUS_RANGES": "ranges of a status frame's fields"},
