@@ -35,6 +35,7 @@ class LineDevice:
     Parameters
     ----------
     section : name of its section of the cab file, on the page Devices and in captures.
+    title : name on the screen, an English text in `N_` of `control.signals`.
     protocol : protocol on the page Devices.
     heard_as : name of the protocol in `topdress devices`; empty means the section.
     config : model of the section.
@@ -45,6 +46,7 @@ class LineDevice:
     """
 
     section: str
+    title: str
     protocol: str
     config: type[LineConfig]
     make_decoder: Callable[[Any], LineDecoder[Any]]

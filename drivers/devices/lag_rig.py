@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 from topdress.control.readings import Reading
+from topdress.control.signals import N_
 from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse_whole, seal_frame
 from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_sequence, split_frame
@@ -149,6 +150,7 @@ def make_example() -> bytes:
 
 DEVICE = LineDevice(
     section="lag_rig",
+    title=N_("lag rig"),
     protocol="lag-rig/1",
     heard_as="lag-rig/1",
     config=LagRigConfig,

@@ -22,6 +22,7 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 from topdress.control.readings import Reading
+from topdress.control.signals import N_
 from topdress.drivers.datagrams import parse_udp_address
 from topdress.drivers.devices.device import Baud, LineConfig, LineDevice
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
@@ -104,6 +105,7 @@ def make_target_sentence(rate_kg_ha: float) -> bytes:
 
 DEVICE = LineDevice(
     section="rate_line",
+    title=N_("other display"),
     protocol="rate-line/1",
     config=RateLineConfig,
     make_decoder=lambda config: RateLineDecoder(*(() if config is None else (config.unit_kg_ha,))),

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 
 from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announceable
+from topdress.control.signals import N_
 from topdress.drivers.devices.device import LineConfig, LineDevice
 from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
@@ -75,6 +76,7 @@ def make_example() -> bytes:
 
 DEVICE = LineDevice(
     section="tractor",
+    title=N_("tractor"),
     protocol="tractor-speed/1",
     config=TractorConfig,
     make_decoder=lambda config: TractorSpeedDecoder(),

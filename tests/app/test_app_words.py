@@ -39,7 +39,9 @@ def marked() -> dict[str, str]:
     with its file."""
     texts = {}
     sources = [*APP.rglob("*.py"), *(APP.parent / "reports").rglob("*.py")]
-    for path in sorted([*sources, APP.parents[1] / "control" / "signals.py"]):
+    rooms = APP.parents[1]
+    sources += [rooms / "control" / "signals.py", *(rooms / "drivers" / "devices").glob("*.py")]
+    for path in sorted(sources):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if (
                 isinstance(node, ast.Call)

@@ -31,6 +31,7 @@ from topdress.control.agronomy.strips import (
 )
 from topdress.control.field.totals import Totals
 from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES
+from topdress.drivers.devices.registry import list_line_devices
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Adopted
@@ -67,9 +68,7 @@ DEVICE_NAMES = {
     "heads": N_("canopy heads"),
     "board": N_("drive board"),
     "rate_module": N_("rate module"),
-    "lag_rig": N_("lag rig"),
-    "tractor": N_("tractor"),
-    "rate_line": N_("other display"),
+    **{one.section: one.title for one in list_line_devices()},
 }
 
 
