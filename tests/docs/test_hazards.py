@@ -26,6 +26,12 @@ TESTS = {
 }
 
 
+def test_every_alarm_is_in_the_table_of_losses():
+    page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    table = page.partition("## Losses and alarms")[2].partition("\n## ")[0]
+    assert set(ALARMS) <= set(re.findall(r"\w+", table))
+
+
 def test_every_interlock_and_every_red_alarm_is_in_the_table():
     named = {word for row in ROWS for word in re.findall(r"`(\w+)`", row["held"])}
     red = {kind.id for kind in ALARMS.values() if kind.severity is Severity.RED}

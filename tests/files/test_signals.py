@@ -16,6 +16,7 @@ from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, VALID_
 from topdress.control.readings import SENSED_COLUMNS, Measurements
 from topdress.control.signals import SIGNALS, Signal, find_valid_for
 from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.cab import BOARD_READINGS
 from topdress.drivers.files.foreign import LOSSES
 
 ROOT = Path(__file__).parents[2]
@@ -115,6 +116,7 @@ def test_declaration_is_complete(name: str) -> None:
             "a number is exact, whole, or has decimals"
         )
         assert one.plausible or name in ("time_s", "work_switch")
+    assert one.label or not one.is_on_run
     assert set(one.losses) <= set(LOSSES)
     assert not one.shown_as or one.shown_as in Units._fields
 
@@ -133,6 +135,19 @@ def test_number_of_a_sensor_is_measured_simulated_and_logged(name: str) -> None:
     assert name in SENSED_COLUMNS, f"no field {name} of control.readings.Measurements"
     assert name in SensorReadings._fields, f"no field {name} of SensorReadings (plant.py)"
     assert name in VALID_FOR_S, "a reading grows old: valid_for"
+    assert name in BOARD_READINGS, "no device reads it"
+
+
+def test_row_of_a_tick_has_every_number() -> None:
+    """What no sensor reads is computed."""
+    tree = ast.parse((ROOT / "control" / "loop" / "row.py").read_text(encoding="utf-8"))
+    (row,) = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "LogRow"
+    )
+    computed = {keyword.arg for keyword in row.keywords} - {None}
+    assert computed == set(SIGNALS) - set(SENSED_COLUMNS)
 
 
 def test_trends_plot_every_number() -> None:

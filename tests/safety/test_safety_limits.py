@@ -308,10 +308,21 @@ def test_senseless_limits_are_refused_in_one_line(kind, change, message):
     assert str(refused.value) == message
 
 
+# Limits in which machines differ: their files set them.
+OF_MACHINES = {
+    "hopper_low_kg",
+    "hopper_empty_kg",
+    "gate_off_mm",
+    "shaft_off_percent",
+    "trimmed_percent",
+}
+
+
 def test_a_machine_file_sets_the_limits_of_its_alarms():
     limits = Limits(gate_off_mm=4.0, trimmed_percent=8.0)
     made = SafetyLimits(**select_machine_limits(limits))
     assert (made.gate_off_mm, made.trimmed_percent, made.hopper_low_kg) == (4.0, 8.0, 15.0)
+    assert OF_MACHINES == {f.name for f in fields(SafetyLimits)} & set(Limits.model_fields)
     nominal = SafetyLimits(**select_machine_limits(Limits()))
     assert nominal == SafetyLimits(hopper_low_kg=15.0)
 
