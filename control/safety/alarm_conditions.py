@@ -213,6 +213,7 @@ def _find_percent(percent: float | None) -> Details | None:
     return None if percent is None else (("percent", _round_known(percent)),)
 
 
+# Of several causes that lead to the same state the first is the reason.
 CONDITIONS: dict[str, AlarmCondition] = {
     alarm_id: AlarmCondition(states, find_details)
     for states, of_states in (
@@ -285,7 +286,6 @@ CONDITIONS: dict[str, AlarmCondition] = {
                 ),
                 "drive_fault": lambda f: () if f.situation.measurements.drive_fault else None,
                 "drive_stopped": lambda f: () if f.situation.measurements.drive_stopped else None,
-                "hopper_empty": _find_empty_hopper,
             },
         ),
         (frozenset({State.CALIBRATING}), {"calibration_moved": _find_moved_calibration}),
@@ -432,6 +432,7 @@ CONDITIONS: dict[str, AlarmCondition] = {
                 "effort_low": lambda f: () if f.situation.effort.unloaded else None,
             },
         ),
+        (_ON, {"hopper_empty": _find_empty_hopper}),
     )
     for alarm_id, find_details in of_states.items()
 }
