@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from topdress.control.log_row import VALID_FOR_S, WHOLE_COLUMNS
-from topdress.control.signals import SIGNALS, Signal, ValidFor, find_valid_for
+from topdress.control.signals import SIGNALS, VALID_FOR, Signal, ValidFor
 
 PAGE = Path(__file__).parents[1] / "docs" / "format-run-log.md"
 COLUMNS_HEAD = "| column | unit | digits written | meaning |\n|---|---|---|---|\n"
@@ -52,7 +52,7 @@ def make_times_table() -> str:
     """Return the table of times for which readings are valid; `-`: the age does not matter."""
     groups: dict[ValidFor, list[str]] = {}
     for name in VALID_FOR_S:
-        groups.setdefault(find_valid_for(name), []).append(name)
+        groups.setdefault(VALID_FOR[name], []).append(name)
     rows = []
     for times, names in groups.items():
         cells = [f"{s:g}" if math.isfinite(s) else "-" for s in times[:3]]

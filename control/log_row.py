@@ -6,7 +6,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import get_args, get_type_hints
 
-from topdress.control.signals import SIGNALS
+from topdress.control.signals import SIGNALS, VALID_FOR
 from topdress.control.signals import LogRow as LogRow
 
 ALL_COLUMNS: tuple[str, ...] = LogRow._fields
@@ -16,9 +16,7 @@ COLUMNS: tuple[str, ...] = ALL_COLUMNS[: -len(SECTION_COLUMNS)]
 HEAD_COLUMNS = tuple(f"ndvi_{head}" for head in range(1, 7))
 NDRE_COLUMNS = tuple(f"ndre_{head}" for head in range(1, 7))
 # Time for which a row keeps the last value of a column, s; after it the cell is empty.
-VALID_FOR_S = MappingProxyType(
-    {name: one.valid_for.log_s for name, one in SIGNALS.items() if one.valid_for is not None}
-)
+VALID_FOR_S = MappingProxyType({name: times.log_s for name, times in VALID_FOR.items()})
 # Time for which a row keeps all values of a GNSS epoch, s.
 GNSS_VALID_FOR_S = VALID_FOR_S["lat_deg"]
 # This event says that from here on each command is in force until the next row.

@@ -79,18 +79,17 @@ _EPOCH = ValidFor(
 )
 _DRIVE = ValidFor(0.5, 0.5, 0.5)
 _TILT = ValidFor(1.0)
-_HEAD_VALID = ValidFor(
-    1.25,
-    1.25,
-    2.0,
-    "The mean leaves a head out after two and a half periods of heads at 2 Hz. The alarm, which "
-    "changes the rate to the fallback, waits for four.",
-)
 _HEAD = Signal(
     decimals=4,
     plausible=(-1.0, 1.0),
     possible=(-100.0, 100.0),
-    valid_for=_HEAD_VALID,
+    valid_for=ValidFor(
+        1.25,
+        1.25,
+        2.0,
+        "The mean leaves a head out after two and a half periods of heads at 2 Hz. The alarm, "
+        "which changes the rate to the fallback, waits for four.",
+    ),
     group="ndvi",
     shown_decimals=3,
     losses=("canopy",),
@@ -561,12 +560,5 @@ def read_signals(row: type[Any]) -> dict[str, Signal]:
 
 
 SIGNALS = read_signals(LogRow)
-
-
-def find_valid_for(name: str) -> ValidFor:
-    """Returns for how long a reading of a column is valid in each use. Raises KeyError where
-    nothing is declared."""
-    found = SIGNALS[name].valid_for
-    if found is None:
-        raise KeyError(f"{name}: no time of validity is declared in control/signals.py")
-    return found
+# For how long the reading of a column is valid in each use.
+VALID_FOR = {name: one.valid_for for name, one in SIGNALS.items() if one.valid_for is not None}

@@ -14,7 +14,7 @@ from statistics import median
 from typing import NamedTuple
 
 from topdress.control.readings import Reading, is_reading_fresh
-from topdress.control.signals import find_valid_for
+from topdress.control.signals import VALID_FOR
 
 # Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 _MAD_TO_SD = 1.4826
@@ -24,7 +24,7 @@ class FusionLimits(NamedTuple):
     """Holds the limits by which heads are dropped and taken back."""
 
     # Time until a head is silent, s.
-    silent_s: float = find_valid_for("ndvi_1").control_s
+    silent_s: float = VALID_FOR["ndvi_1"].control_s
     # Minimum difference of NDVI for a disagreement.
     least_apart: float = 0.08
     robust_sds: float = 4.0

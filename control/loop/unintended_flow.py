@@ -17,12 +17,12 @@ from topdress.control.metering.strategies import Pair
 from topdress.control.orders import State
 from topdress.control.readings import DriveCommand, Measurements, is_reading_fresh
 from topdress.control.safety import POWERED_STATES, Commanded, SafetyLimits, Verdict
-from topdress.control.signals import find_valid_for
+from topdress.control.signals import VALID_FOR
 
 # Interval of the events while the flow continues, s: a power cut loses no more than this.
 EVENT_INTERVAL_S = 1.0
 # Validity of a reading of the shaft, s, as in safety.
-SHAFT_VALID_S = find_valid_for("shaft_rpm").control_s
+SHAFT_VALID_S = VALID_FOR["shaft_rpm"].control_s
 # Maximum additional delay, s, of a valve's switch and the board's serial line over the machine
 # file.
 VALVE_DELAY_S = 1.0

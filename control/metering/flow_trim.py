@@ -49,7 +49,7 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.scale import Scale
 from topdress.control.readings import NO_SCALE_FINDING, Reading, ScaleFinding
-from topdress.control.signals import find_valid_for
+from topdress.control.signals import VALID_FOR
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ GUST_BENDS_ALIKE = 8.0
 # most.
 INITIAL_STEP_KG2, INITIAL_STEPS, MAX_STEPS = 0.16, 20.0, 200.0
 # An older weighing is not used, s.
-WEIGHING_VALID_S = find_valid_for("hopper_kg").control_s
+WEIGHING_VALID_S = VALID_FOR["hopper_kg"].control_s
 # Least mass of a revolution by the model, g, when an offset is converted to a share.
 MIN_GRAMS_PER_REV = 1.0
 # Noise of a scale whose file gives none, kg.

@@ -11,11 +11,8 @@ from topdress.control.orders import CANOPY_SOURCES, PLACE_SOURCES, State
 from topdress.control.readings import RefusedSpeed
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Memory
-from topdress.control.safety.motion import Motion
 from topdress.control.safety.sensor_validity import ValidReadings, has_lasted
-from topdress.control.safety.standstill_monitor import StandstillWatch
 from topdress.control.safety.words import Details, Situation
-from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 # Share of its limit down to which a reported trim remains reported.
 TRIM_HYSTERESIS = 0.7
@@ -29,18 +26,13 @@ _WORKING = frozenset({State.WORKING})
 
 
 class Facts(NamedTuple):
-    """Holds all that a condition may depend on: the memory of the ticks before, and this tick."""
+    """Holds all that a condition may depend on. `memory` has the state of the tick before, and
+    what is watched up to this tick."""
 
     memory: Memory
     now_s: float
     situation: Situation
     seen: ValidReadings
-    motion: Motion
-    rate: RateWatch
-    hopper: HopperWatch
-    stand: StandstillWatch
-    follow: FollowWatch
-    scale_heard: bool
     limits: SafetyLimits
 
     @property
@@ -95,10 +87,9 @@ def _find_speed_doubt(f: Facts, refused: RefusedSpeed, wheel_above: bool) -> Det
 
 
 def _find_refused_place(f: Facts, walks: bool) -> Details | None:
-    s = f.situation
-    if s.position_refused_m is None or s.position_walks != walks:
-        return None
-    return (("off_m", _round_known(s.position_refused_m)),)
+    off_m = f.situation.position_refused_m
+    found = off_m is not None and f.situation.position_walks == walks
+    return (("off_m", _round_known(off_m)),) if found else None
 
 
 def _find_silent_heads(f: Facts, by_map: bool) -> Details | None:
@@ -134,26 +125,26 @@ def _find_unused_range(f: Facts, above: bool) -> Details | None:
 
 
 def _is_rate_far_off(f: Facts) -> bool:
-    return f.has_lasted(f.rate.red_since_s, f.limits.rate_red_s)
+    return f.has_lasted(f.memory.rate.red_since_s, f.limits.rate_red_s)
 
 
 def _is_shaft_far_off(f: Facts) -> bool:
-    return f.has_lasted(f.follow.shaft_far_since_s, f.limits.drive_far_s)
+    return f.has_lasted(f.memory.follow.shaft_far_since_s, f.limits.drive_far_s)
 
 
 def _is_gate_far_off(f: Facts) -> bool:
-    return f.has_lasted(f.follow.gate_far_since_s, f.limits.drive_far_s)
+    return f.has_lasted(f.memory.follow.gate_far_since_s, f.limits.drive_far_s)
 
 
 def _list_shaft_speeds(f: Facts, told_rpm: float) -> Details:
-    speed_rpm = f.situation.commanded.expected_rpm + f.follow.shaft_off_rpm
+    speed_rpm = f.situation.commanded.expected_rpm + f.memory.follow.shaft_off_rpm
     return ("shaft_rpm", _round_known(speed_rpm)), ("told_rpm", _round_known(told_rpm))
 
 
 def _list_openings(f: Facts) -> Details:
     expected_mm = f.situation.commanded.expected_mm
     return (
-        ("opening_mm", _round_known(expected_mm + f.follow.gate_off_mm, 1)),
+        ("opening_mm", _round_known(expected_mm + f.memory.follow.gate_off_mm, 1)),
         ("told_mm", _round_known(expected_mm, 1)),
     )
 
@@ -162,9 +153,7 @@ def _find_trim(f: Facts) -> Details | None:
     trimmed = f.situation.scale.trimmed_percent
     share = TRIM_HYSTERESIS if f.is_live("flow_trimmed") else 1.0
     # A trim that is not a number is none.
-    if not abs(trimmed) > f.limits.trimmed_percent * share:
-        return None
-    return (("percent", _round_known(trimmed)),)
+    return _find_percent(trimmed) if abs(trimmed) > f.limits.trimmed_percent * share else None
 
 
 def _find_moved_calibration(f: Facts) -> Details | None:
@@ -177,15 +166,14 @@ def _find_empty_hopper(f: Facts) -> Details | None:
     """Finds an empty hopper at work; the alarm remains until a refill, because a hold does not
     fill the hopper."""
     asked = f.memory.state is State.WORKING or f.is_live("hopper_empty")
-    if not (asked and f.has_lasted(f.hopper.empty_since_s, f.limits.hopper_confirm_s)):
-        return None
-    return (("hopper_kg", round(f.seen.hopper_kg or 0.0, 1)),)
+    empty = asked and f.has_lasted(f.memory.hopper.empty_since_s, f.limits.hopper_confirm_s)
+    return (("hopper_kg", round(f.seen.hopper_kg or 0.0, 1)),) if empty else None
 
 
 def _find_lost_place(f: Facts) -> Details | None:
     s = f.situation
     lost = s.target_source in PLACE_SOURCES and not s.position_ok
-    return () if lost and (f.motion.moving or not s.course_awaited) else None
+    return () if lost and (f.memory.motion.moving or not s.course_awaited) else None
 
 
 def _find_silent_gnss(f: Facts) -> Details | None:
@@ -196,17 +184,22 @@ def _find_silent_gnss(f: Facts) -> Details | None:
 
 def _find_missing_flow(f: Facts, above: bool) -> Details | None:
     share = f.situation.scale.share
-    if share is None or (share < 1.0) == above:
-        return None
-    return (("percent", _round_known(100.0 * share)),)
+    return None if share is None or (share < 1.0) == above else _find_percent(100.0 * share)
 
 
 def _find_short_lead(f: Facts) -> Details | None:
     """Finds a speed that is too high for the heads' lead; on the road nothing is spread."""
-    s = f.situation
-    if s.target_source not in CANOPY_SOURCES or s.usable_speed_mps is None:
-        return None
-    return (("usable_speed_mps", _round_known(s.usable_speed_mps, 1)),)
+    speed_mps = f.situation.usable_speed_mps
+    short = f.situation.target_source in CANOPY_SOURCES and speed_mps is not None
+    return (("usable_speed_mps", _round_known(speed_mps, 1)),) if short else None
+
+
+def _find_silent_speeds(f: Facts) -> Details | None:
+    """Finds that no speed was used for `speed_silent_s`, or that the newest is older. A standing
+    wheel is not silent while it reads 0."""
+    silent_s, heard_s = f.limits.speed_silent_s, f.seen.speed_heard_s
+    unused = f.has_lasted(f.memory.motion.speed_lost_since_s, silent_s)
+    return () if unused or (heard_s is not None and not f.now_s - heard_s <= silent_s) else None
 
 
 def _find_percent(percent: float | None) -> Details | None:
@@ -240,7 +233,7 @@ CONDITIONS: dict[str, AlarmCondition] = {
                         ("shaft_rpm", _round_known(f.seen.shaft_rpm)),
                         ("released_kg", _round_known(f.situation.commanded.stopped_kg, 1)),
                     )
-                    if f.stand.shaft.turns
+                    if f.memory.stand.shaft.turns
                     else None
                 ),
                 "gate_opens": lambda f: (
@@ -248,12 +241,12 @@ CONDITIONS: dict[str, AlarmCondition] = {
                         ("opening_mm", _round_known(f.seen.opening_mm)),
                         ("told_mm", _round_known(f.situation.commanded.opening_mm)),
                     )
-                    if f.stand.gate.opens
+                    if f.memory.stand.gate.opens
                     else None
                 ),
                 "valve_open": lambda f: (
-                    (("sections", ", ".join(map(str, f.stand.valves.stuck))),)
-                    if f.stand.valves.stuck
+                    (("sections", ", ".join(map(str, f.memory.stand.valves.stuck))),)
+                    if f.memory.stand.valves.stuck
                     else None
                 ),
                 "flow_unordered": lambda f: (
@@ -297,11 +290,11 @@ CONDITIONS: dict[str, AlarmCondition] = {
                 "position_walks": lambda f: _find_refused_place(f, True),
                 "wheel_fault": lambda f: (
                     (("speed_mps", round(f.seen.gnss_speed_mps or 0.0, 1)),)
-                    if f.has_lasted(f.motion.wheel_doubt_since_s, f.limits.wheel_fault_s)
+                    if f.has_lasted(f.memory.motion.wheel_doubt_since_s, f.limits.wheel_fault_s)
                     else None
                 ),
                 "scale_silent": lambda f: (
-                    () if f.scale_heard and f.seen.hopper_kg is None else None
+                    () if f.memory.scale_heard and f.seen.hopper_kg is None else None
                 ),
                 "heads_by_map": lambda f: _find_silent_heads(f, True),
                 "ndvi_silent": lambda f: _find_silent_heads(f, False),
@@ -321,7 +314,7 @@ CONDITIONS: dict[str, AlarmCondition] = {
                         ("hopper_kg", _round_known(f.seen.hopper_kg)),
                         ("metres_left", _round_to_tens(f.situation.metres_left_m)),
                     )
-                    if f.hopper.low and f.seen.hopper_kg is not None
+                    if f.memory.hopper.low and f.seen.hopper_kg is not None
                     else None
                 ),
                 "refill_disagrees": lambda f: _find_percent(f.situation.scale.refill_percent),
@@ -331,11 +324,7 @@ CONDITIONS: dict[str, AlarmCondition] = {
             _WORKING,
             {
                 "lead_short": _find_short_lead,
-                "speed_silent": lambda f: (
-                    ()
-                    if are_speeds_silent(f.now_s, f.situation, f.seen, f.motion, f.limits)
-                    else None
-                ),
+                "speed_silent": _find_silent_speeds,
                 "console_silent": lambda f: (
                     (("limit_s", f.limits.console_hold_s),)
                     if f.situation.console_age_s is not None
@@ -362,13 +351,13 @@ CONDITIONS: dict[str, AlarmCondition] = {
                     else (("limit_kg_ha", f.limits.rate_max_kg_ha),)
                 ),
                 "rate_far_off": lambda f: (
-                    (("error_percent", _round_known(f.rate.error_percent)),)
+                    (("error_percent", _round_known(f.memory.rate.error_percent)),)
                     if _is_rate_far_off(f)
                     else None
                 ),
                 "rate_off": lambda f: (
-                    (("error_percent", _round_known(f.rate.error_percent)),)
-                    if f.has_lasted(f.rate.amber_since_s, f.limits.rate_amber_s)
+                    (("error_percent", _round_known(f.memory.rate.error_percent)),)
+                    if f.has_lasted(f.memory.rate.amber_since_s, f.limits.rate_amber_s)
                     and not _is_rate_far_off(f)
                     else None
                 ),
@@ -377,7 +366,7 @@ CONDITIONS: dict[str, AlarmCondition] = {
                         ("applied_kg_ha", _round_known(f.situation.applied_rate_kg_ha)),
                         ("limit_kg_ha", f.limits.rate_max_kg_ha),
                     )
-                    if f.has_lasted(f.rate.above_since_s, f.limits.rate_max_s)
+                    if f.has_lasted(f.memory.rate.above_since_s, f.limits.rate_max_s)
                     else None
                 ),
                 "rate_above_range": lambda f: _find_unused_range(f, True),
@@ -389,14 +378,14 @@ CONDITIONS: dict[str, AlarmCondition] = {
                 ),
                 "shaft_off": lambda f: (
                     _list_shaft_speeds(f, f.situation.commanded.expected_rpm)
-                    if f.has_lasted(f.follow.shaft_off_since_s, f.limits.shaft_off_s)
+                    if f.has_lasted(f.memory.follow.shaft_off_since_s, f.limits.shaft_off_s)
                     and not _is_shaft_far_off(f)
                     else None
                 ),
                 "gate_far_off": lambda f: _list_openings(f) if _is_gate_far_off(f) else None,
                 "gate_off": lambda f: (
                     _list_openings(f)
-                    if f.has_lasted(f.follow.gate_off_since_s, f.limits.gate_off_s)
+                    if f.has_lasted(f.memory.follow.gate_off_since_s, f.limits.gate_off_s)
                     and not _is_gate_far_off(f)
                     else None
                 ),
@@ -444,20 +433,6 @@ def _round_known(value: float | None, digits: int | None = None) -> str | float:
 
 def _round_to_tens(metres: float | None) -> str | float:
     return round(metres / 10.0) * 10 if metres is not None and isfinite(metres) else _UNKNOWN
-
-
-def are_speeds_silent(
-    now_s: float, s: Situation, seen: ValidReadings, motion: Motion, limits: SafetyLimits
-) -> bool:
-    """Returns whether both speeds are silent for `speed_silent_s`: no speed was used for this time,
-    or the newest is older.
-
-    A standing wheel is not silent while it reads 0.
-    """
-    if has_lasted(motion.speed_lost_since_s, now_s, limits.speed_silent_s):
-        return True
-    heard_s = seen.speed_heard_s
-    return heard_s is not None and not now_s - heard_s <= limits.speed_silent_s
 
 
 def is_target_acceptable(s: Situation, limits: SafetyLimits) -> bool:

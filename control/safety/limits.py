@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Any
 
-from topdress.control.signals import find_valid_for
+from topdress.control.signals import VALID_FOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class SafetyLimits:
     # Both speeds silent this long leads to held.
     speed_silent_s: float = 2.0
     # An older wheel reading is not used.
-    wheel_silent_s: float = find_valid_for("wheel_speed_mps").safety_s
+    wheel_silent_s: float = VALID_FOR["wheel_speed_mps"].safety_s
     # GNSS above this speed while the wheel stands is a wheel fault.
     wheel_fault_speed_mps: float = 0.5
     # The fault must last this long: a GNSS speed arrives up to 1 s late.
@@ -56,17 +56,17 @@ class SafetyLimits:
     course_speed_mps: float = 0.2
     # Time after which a drive is silent, s. GNSS is silent after the larger of a time and a number
     # of epochs.
-    drive_silent_s: float = find_valid_for("shaft_rpm").safety_s
-    gnss_silent_s: float = find_valid_for("lat_deg").safety_s
+    drive_silent_s: float = VALID_FOR["shaft_rpm"].safety_s
+    gnss_silent_s: float = VALID_FOR["lat_deg"].safety_s
     gnss_silent_periods: float = 2.5
     # A longer observed period counts as this.
     gnss_period_max_s: float = 2.0
-    ndvi_silent_s: float = find_valid_for("ndvi_1").safety_s
+    ndvi_silent_s: float = VALID_FOR["ndvi_1"].safety_s
     heads_min: int = 4
     # Dense wheat reads 0.93 at most: when all heads read more, they are covered or wet.
     heads_full_ndvi: float = 0.95
     heads_full_s: float = 2.0
-    scale_silent_s: float = find_valid_for("hopper_kg").safety_s
+    scale_silent_s: float = VALID_FOR["hopper_kg"].safety_s
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
     # Speed below which a shaft stands, r/min: six standard deviations of the nominal encoder's 0.3
@@ -127,12 +127,15 @@ class SafetyLimits:
 
     def __post_init__(self) -> None:
         _refuse_bad_numbers(self)
-        _refuse_order(self, "stop_speed_mps", "start_speed_mps")
-        _refuse_order(self, "launch_speed_mps", "start_speed_mps")
-        _refuse_order(self, "calibrate_speed_mps", "calibrate_fault_speed_mps")
-        _refuse_order(self, "rate_amber_percent", "rate_red_percent")
-        _refuse_order(self, "console_hold_s", "console_off_s")
-        _refuse_order(self, "stand_settle_s", "run_down_max_s")
+        _refuse_order(
+            self,
+            ("stop_speed_mps", "start_speed_mps"),
+            ("launch_speed_mps", "start_speed_mps"),
+            ("calibrate_speed_mps", "calibrate_fault_speed_mps"),
+            ("rate_amber_percent", "rate_red_percent"),
+            ("console_hold_s", "console_off_s"),
+            ("stand_settle_s", "run_down_max_s"),
+        )
 
 
 def select_machine_limits(machine: object) -> dict[str, Any]:
@@ -157,8 +160,9 @@ class DriveLimits:
 
     def __post_init__(self) -> None:
         _refuse_bad_numbers(self)
-        _refuse_order(self, "shaft_min_rpm", "shaft_max_rpm")
-        _refuse_order(self, "opening_min_mm", "opening_max_mm")
+        _refuse_order(
+            self, ("shaft_min_rpm", "shaft_max_rpm"), ("opening_min_mm", "opening_max_mm")
+        )
 
 
 def _refuse_bad_numbers(limits: SafetyLimits | DriveLimits) -> None:
@@ -168,7 +172,8 @@ def _refuse_bad_numbers(limits: SafetyLimits | DriveLimits) -> None:
             raise ValueError(f"{field.name} is {value}; allowed is a finite number of at least 0")
 
 
-def _refuse_order(limits: SafetyLimits | DriveLimits, lower: str, upper: str) -> None:
-    low, high = getattr(limits, lower), getattr(limits, upper)
-    if low > high:
-        raise ValueError(f"{lower} is {low}; allowed is at most {upper}, {high}")
+def _refuse_order(limits: SafetyLimits | DriveLimits, *pairs: tuple[str, str]) -> None:
+    for lower, upper in pairs:
+        low, high = getattr(limits, lower), getattr(limits, upper)
+        if low > high:
+            raise ValueError(f"{lower} is {low}; allowed is at most {upper}, {high}")

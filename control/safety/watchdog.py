@@ -76,21 +76,18 @@ class Safety:
             m.motion, now_s, s, seen, m.allow.reverse, limits, start_held, by_gnss
         )
         at_work = m.flowing and m.state is State.WORKING
-        rate = watch_rate(m.rate, now_s, s, at_work, limits)
-        follow = watch_drives(m.follow, now_s, s, seen, at_work, limits)
-        hopper = watch_hopper(m.hopper, now_s, seen.hopper_kg, limits)
-        stand = update_standstill(m.stand, now_s, s, seen, limits)
-        scale_heard = m.scale_heard or seen.hopper_kg is not None
-        heads_full = find_since_s(m.heads_full_since_s, now_s, seen.heads_full)
-        if heads_full != m.heads_full_since_s:
-            m = m._replace(heads_full_since_s=heads_full)
         beyond_range = m.state is State.WORKING and motion.moving and s.range_breach is not None
-        beyond_range_since_s = find_since_s(m.beyond_range_since_s, now_s, beyond_range)
-        if beyond_range_since_s != m.beyond_range_since_s:
-            m = m._replace(beyond_range_since_s=beyond_range_since_s)
-        found = find_causes(
-            Facts(m, now_s, s, seen, motion, rate, hopper, stand, follow, scale_heard, limits)
+        m = m._replace(
+            motion=motion,
+            rate=watch_rate(m.rate, now_s, s, at_work, limits),
+            follow=watch_drives(m.follow, now_s, s, seen, at_work, limits),
+            hopper=watch_hopper(m.hopper, now_s, seen.hopper_kg, limits),
+            stand=update_standstill(m.stand, now_s, s, seen, limits),
+            scale_heard=m.scale_heard or seen.hopper_kg is not None,
+            heads_full_since_s=find_since_s(m.heads_full_since_s, now_s, seen.heads_full),
+            beyond_range_since_s=find_since_s(m.beyond_range_since_s, now_s, beyond_range),
         )
+        found = find_causes(Facts(m, now_s, s, seen, limits))
         state, why = find_next_state(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
@@ -106,24 +103,12 @@ class Safety:
             limits,
         )
         live = update_alarms(m.live, now_s, found, limits.alarm_clear_s)
-        self._memory = Memory(
+        self._memory = m._replace(
             state=state,
             why_state=why,
             entered_s=m.entered_s if state is m.state else now_s,
-            left_off_s=m.left_off_s,
-            calibrate_s=m.calibrate_s,
-            calibrate_until_s=m.calibrate_until_s,
-            start_held_s=m.start_held_s,
             allow=allow,
             flowing=not forbidden,
-            motion=motion,
-            rate=rate,
-            hopper=hopper,
-            stand=stand,
-            follow=follow,
-            scale_heard=scale_heard,
-            heads_full_since_s=heads_full,
-            beyond_range_since_s=m.beyond_range_since_s,
             live=live,
             checked_s=now_s,
             still=_is_still(seen, limits),

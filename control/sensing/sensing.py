@@ -30,13 +30,13 @@ from topdress.control.sensing.position_gate import (
 from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
 from topdress.control.sensing.speed_check import SLIP_RANGE, SpeedCheck
 from topdress.control.sensing.walk_watch import Velocity
-from topdress.control.signals import find_valid_for
+from topdress.control.signals import VALID_FOR
 
 # Time constant of the first-order filter `ratio`, by which GNSS corrects the wheel, s. Slip comes
 # in bursts of some 20 s.
 RATIO_TAU_S = 3.0
 # A wheel speed is valid for this long, s.
-WHEEL_VALID_S = find_valid_for("wheel_speed_mps").control_s
+WHEEL_VALID_S = VALID_FOR["wheel_speed_mps"].control_s
 # Without a wheel pulse for this long, s, the machine stands.
 NO_PULSE_STANDSTILL_S = 0.8
 # While both speeds are silent the last speed is held for this long, s.
@@ -111,7 +111,7 @@ class Sensed(NamedTuple):
 @dataclass(frozen=True)
 class SensingLimits:
     # Minimum time until GNSS is silent, s.
-    gnss_silent_s: float = find_valid_for("speed_mps").control_s
+    gnss_silent_s: float = VALID_FOR["speed_mps"].control_s
     gnss_silent_periods: float = 2.5
     # Maximum standard deviation of a dead-reckoned position, m; 0 means `DEAD_RECKONING_S` alone.
     reckoned_m: float = 0.0

@@ -148,7 +148,7 @@ COMPUTED = Recipe(
                 "control/signals.py",
                 BEFORE_SECTIONS,
                 DECLARED.format(
-                    name="flow_kg_min", unit="kg/min", label="flow", more="group='flow',"
+                    name="flow_kg_min", unit="kg/min", label="outflow", more="group='flow',"
                 ),
             ),
         ),
@@ -159,10 +159,10 @@ COMPUTED = Recipe(
                 "        flow_kg_min=60.0 * metered.trim,\n",
             ),
         ),
-        (Insertion("console/locale/zh/trends.po", "", translate("flow", "排肥流量")),),
+        (Insertion("console/locale/zh/trends.po", "", translate("outflow", "排肥流量")),),
         "python .ci/columns.py",
     ),
-    SHOWN.format(name="flow_kg_min", label="flow", value=5.5),
+    SHOWN.format(name="flow_kg_min", label="outflow", value=5.5),
 )
 ALARM = Recipe(
     "An alarm",
@@ -263,8 +263,9 @@ def read_steps(title: str) -> list[str]:
 
 
 def read_checks(title: str) -> list[str]:
-    """Returns the tests that the page names behind the steps."""
-    return re.findall(r"tests/[\w/]+\.py", read_section(title).rpartition("`python -m pytest")[2])
+    """Returns the tests that the page names first behind the steps."""
+    commands = re.findall(r"`python -m pytest ([^`]+)`", read_section(title))
+    return re.findall(r"tests/[\w/]+\.py", commands[0])
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID
 from topdress.console.app.units import METRIC, Units
 from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, VALID_FOR_S, WHOLE_COLUMNS
 from topdress.control.readings import SENSED_COLUMNS, Measurements
-from topdress.control.signals import SIGNALS, Signal, find_valid_for
+from topdress.control.signals import SIGNALS, VALID_FOR, Signal
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.cab import BOARD_READINGS
 from topdress.drivers.files.foreign import LOSSES
@@ -123,7 +123,7 @@ def test_declaration_is_complete(name: str) -> None:
 
 @pytest.mark.parametrize("name", VALID_FOR_S)
 def test_times_that_differ_have_a_reason(name: str) -> None:
-    *times, reason = find_valid_for(name)
+    *times, reason = VALID_FOR[name]
     assert bool(reason) == (len({s for s in times if math.isfinite(s)}) > 1)
 
 
