@@ -16,15 +16,16 @@ from topdress.control.machine.machine import (
 
 PAGE_HEAD = """# Effects
 
-For engineers who read a diagnosis or plant an effect: all faults that the machine model knows, how
-each shows, and what to do.
+For engineers who read a diagnosis or simulate an effect: all faults in the machine model, how each
+shows, and its remedy.
 
-Each effect is one parameter of one stage, switched off by its neutral value. A diagnosis looks for
-it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it. Data in
-which an effect cannot be seen list it as not shown.
+Each effect is one parameter of one stage; its neutral value switches it off. A diagnosis searches
+for it, `topdress simulate --effect ID=SIZE` simulates it, and a machine file can adopt it. If data
+cannot show an effect, the diagnosis lists it as not shown.
 
-Written by `topdress effects --markdown docs/effects.md`. Ranges are those of machine `{id}`; a
-range by a figure of the machine file grows with it (`topdress effects --machine FILE`).
+`topdress effects --markdown docs/effects.md` writes this page. Ranges are those of machine `{id}`.
+A range "by" a figure of the machine file grows with it (`topdress effects --machine FILE`). "Test"
+separates the effect from similar ones.
 """
 STAGE_TITLES = {
     "shaft": "Metering shaft",
@@ -71,8 +72,8 @@ def _format_effect(entry: CatalogueEntry, machine: Machine) -> list[str]:
         f"**{effect.title}.** {effect.physics}",
         "",
         f"- Size: {size}{member}. Seen in: {', '.join(effect.seen_in)}.",
-        f"- Do: {effect.advice}",
-        f"- Look-alikes: {effect.separate}",
+        f"- Remedy: {effect.advice}",
+        f"- Test: {effect.separate}",
         f"- Source: {effect.source}",
     ]
 
