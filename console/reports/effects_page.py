@@ -25,7 +25,7 @@ cannot show an effect, the diagnosis lists it as not shown.
 
 `topdress effects --markdown docs/effects.md` writes this page. Ranges are those of machine `{id}`.
 A range "by" a figure of the machine file grows with it (`topdress effects --machine FILE`). "Test"
-separates the effect from similar ones.
+separates look-alikes.
 """
 STAGE_TITLES = {
     "shaft": "Metering shaft",
