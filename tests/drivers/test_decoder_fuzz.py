@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix
+from topdress.control.signals import SIGNALS
 from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.devices import probe
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
@@ -47,6 +48,7 @@ from tests.command import topdress
 
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 RANGES = {
+    **{name: one.possible for name, one in SIGNALS.items() if one.possible is not None},
     "lat_deg": (-90, 90),
     "lon_deg": (-180, 180),
     "fix_quality": (1, 9),

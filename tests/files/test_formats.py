@@ -151,7 +151,7 @@ def test_what_a_format_states_is_whole() -> None:
         assert FILE_KINDS[one.id].words == one.words
         assert one.limit in FILE_LIMITS
         assert not one.read_map or one.title in maps, f"docs/format-prescriptions.md: {one.title}"
-        assert not (one.has_any("read_layers", "read_field")) or one.title in fields
+        assert not one.has_any("read_layers", "read_field") or one.title in fields + maps
         assert not one.read_table or one.title in logs
         for part in (one.read_map, one.read_layers, one.read_table):
             assert part is None or callable(part)
