@@ -228,7 +228,7 @@ class Rule:
     def _limit_need(self, need_kg_ha: float) -> tuple[float, Why]:
         least, most = self.crop.min_rate_kg_ha, self.crop.max_rate_kg_ha
         why: Why = "limited" if need_kg_ha > most else "in_range"
-        # A need below the lowest rate is raised to it, except where the rule gives nothing.
+        # A need below the lowest rate is raised to it, and so is a need of 0 or less.
         if need_kg_ha <= 0.0 or need_kg_ha < least:
             why = "lowest" if least > 0.0 else "yield_reached"
         return min(max(need_kg_ha, least), most), why

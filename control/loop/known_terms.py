@@ -27,7 +27,6 @@ class KnownTerms:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        # Terms that control cannot compensate stay out, so that they cost no time.
         self._terms = TermSums(term for term in machine.terms if not explain_not_compensated(term))
         self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._ran_away_kg = 0.0

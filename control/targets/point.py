@@ -89,7 +89,7 @@ class DoseThreshold:
         """Returns the threshold at a speed, m. It is added to the lag distance, so that a dose
         that landed late is commanded earlier."""
         most = self._how.most_m
-        # The limit keeps a wrong measurement from shifting doses to the next plant.
+        # A larger threshold is a fault and no correction.
         return min(most, max(-most, self.offset_m + self.delay_s * speed_mps))
 
     def learn_error(self, error_m: float, speed_mps: float, threshold_m: float) -> None:

@@ -89,7 +89,7 @@ class MapData:
             if self.grid is None
             else self.grid.rate_kg_ha
         )
-        # NaN compares as false and drops out; infinite rates are refused elsewhere.
+        # NaN compares as false and drops out; infinite rates are no rates of a map.
         return [float(rate) for rate in np.unique(rates[rates > 0.0]) if np.isfinite(rate)]
 
     @property
