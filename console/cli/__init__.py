@@ -322,6 +322,6 @@ def main() -> None:
     """Runs the entry point `topdress`."""
     # Threads of the matrix library must be limited before numpy is imported.
     limit_matrix_threads()
-    # Streams are replaced before any output, so that a full pipe never blocks a command.
+    # Streams are replaced before any output, so that no text of a file can control the terminal.
     replace_streams()
     make_requested_app(sys.argv[1:], os.environ)()

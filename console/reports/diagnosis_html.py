@@ -372,7 +372,6 @@ def _format_not_shown(found: Diagnosis) -> str:
 
 
 def _format_provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
-    # Imported here, because the version is looked up on the disk.
     from topdress.drivers.files.run_meta import find_software_version
 
     pairs = []

@@ -81,7 +81,7 @@ class Pictures:
         return place
 
 
-# The text is as long as a cell's output shows without scrolling.
+# Number of lines of a printed diagnosis; the last of them counts the omitted ones.
 MAX_SUMMARY_LINES = 15
 
 

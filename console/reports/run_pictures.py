@@ -43,7 +43,7 @@ SUFFICIENT_MEANS_SHARE = 0.8
 # changes.
 # Lengths of the intervals that are shown in full, by view, s.
 INTERVAL_S_OF_VIEW = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
-# 90 bins give each about 6 points of width in a picture of 9.4 inches.
+# 90 bins give each some 7 points of width in a picture of 9.4 inches.
 TIME_BINS = 90
 # A rate needs longer bins.
 RATE_BINS = 24
