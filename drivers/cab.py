@@ -11,7 +11,6 @@ from topdress.control.readings import (
     SENSED_COLUMNS,
     DoseOrder,
     DriveCommand,
-    GnssFix,
     Measurements,
     Reading,
 )
@@ -26,18 +25,14 @@ from topdress.drivers.cab_config import (
 from topdress.drivers.cab_line import DatagramLine, DeviceLine
 from topdress.drivers.datagrams import Datagrams, UdpPort, open_line
 from topdress.drivers.device_status import DeviceStatus
-from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.board_frames import TURNED_REQUEST, ShaftTurned
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadSample
 from topdress.drivers.devices.device import LineConfig
-from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.gpsd import WATCH_COMMAND, GpsdDecoder
 from topdress.drivers.devices.lag_rig import RigReadings
-from topdress.drivers.devices.lines import Counts
 from topdress.drivers.devices.point_dose import GivenDose
 from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
 from topdress.drivers.devices.rate_module_frames import MAX_PWM
-from topdress.drivers.devices.registry import list_line_devices
+from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from topdress.drivers.devices.wheel import WheelGeometry
 from topdress.drivers.ports import Clock, Port
@@ -57,14 +52,6 @@ __all__ = [
 
 PortOpener = Callable[[str, int, Clock], Port]
 DatagramOpener = Callable[[str, Clock], Datagrams]
-
-
-class FixDecoder(Protocol):
-    """Defines what every source of fixes has."""
-
-    counts: Counts
-
-    def feed(self, data: bytes, time_s: float) -> list[GnssFix]: ...
 
 
 class Cab:
@@ -417,19 +404,14 @@ class GnssReader(LineReader):
     """Reads the source of fixes on its line; gpsd is requested to report at every connection."""
 
     def __init__(self, config: GnssConfig, clock: Clock, opener: PortOpener) -> None:
-        makers: dict[str, Callable[[], FixDecoder]] = {
-            "nmea0183": GnssDecoder,
-            "gpsd": GpsdDecoder,
-            "agopengps": AgOpenGpsDecoder,
-        }
-        maker = makers.get(config.protocol)
-        self._plugin = _make_plugin_receiver(config.protocol) if maker is None else None
-        decoder = self._plugin if maker is None else maker()
+        receiver = map_receivers().get(config.protocol)
+        self._plugin = _make_plugin_receiver(config.protocol) if receiver is None else None
+        decoder = self._plugin if receiver is None else receiver.make_decoder(True)
         super().__init__(
             _open_device_line("gnss", config.protocol, config, decoder, clock, opener),
             lambda fix: {"gnss": fix},
         )
-        self._hello = WATCH_COMMAND if config.protocol == "gpsd" else b""
+        self._hello = b"" if receiver is None else receiver.hello
         self._greeted = 0
 
     def read_values(self, now_s: float) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.drivers.datagrams import is_loopback, parse_udp_address
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields, find_head_fields
-from topdress.drivers.devices.device import Baud, LineUrl
-from topdress.drivers.devices.registry import list_line_devices
+from topdress.drivers.devices.device import SERIAL_PORT, Baud, LineUrl
+from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.plugins import CALLABLE_TYPE, find_entry_points, find_plugin
 
 # Largest number of canopy heads on one boom.
@@ -24,23 +24,18 @@ UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
 
 
-# Receiver protocols that are built in; plug-ins add others by name.
-RECEIVER_PROTOCOLS = ("nmea0183", "gpsd", "agopengps")
-
-
 def _validate_receiver(name: str) -> str:
-    found = None if name in RECEIVER_PROTOCOLS else find_plugin("devices", name)
-    if name not in RECEIVER_PROTOCOLS and (found is None or found.is_a != CALLABLE_TYPE):
+    # Plug-ins add protocols that are not built in.
+    found = None if name in map_receivers() else find_plugin("devices", name)
+    if name not in map_receivers() and (found is None or found.is_a != CALLABLE_TYPE):
         raise ValueError(
             f"protocol {name!r}: allowed is one of "
-            f"{', '.join((*RECEIVER_PROTOCOLS, *find_entry_points('devices')))}"
+            f"{', '.join((*map_receivers(), *find_entry_points('devices')))}"
         )
     return name
 
 
-Receiver = Annotated[
-    str, AfterValidator(_validate_receiver), Field(examples=list(RECEIVER_PROTOCOLS))
-]
+Receiver = Annotated[str, AfterValidator(_validate_receiver), Field(examples=list(map_receivers()))]
 
 
 class GnssConfig(FrozenModel):
@@ -57,12 +52,9 @@ class GnssConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_address(self) -> Self:
-        if (self.protocol == "agopengps") != self.port.startswith("udp://"):
-            wanted = (
-                "udp://127.0.0.1:17777"
-                if self.protocol == "agopengps"
-                else "a serial port or socket://HOST:PORT"
-            )
+        receiver = map_receivers().get(self.protocol)
+        wanted = SERIAL_PORT if receiver is None else receiver.port
+        if wanted.startswith("udp://") != self.port.startswith("udp://"):
             raise ValueError(f"port {self.port}: allowed with {self.protocol} is {wanted}")
         if self.port.startswith("udp://") and parse_udp_address(self.port).senders is None:
             raise ValueError(

@@ -20,7 +20,7 @@ Files:
 - `rate_line`: Which target does another display send, and which rate does another controller apply?
 - `rate_module`: How does the host drive the metering shaft through a rate module on UDP?
 - `rate_module_frames`: How are datagrams of the open rate modules encoded and decoded?
-- `registry`: Which devices have a line of their own?
+- `registry`: Which devices are there?
 - `slave_board`: How does the host talk to the slave board?
 - `tractor_speed`: Which speeds does the tractor announce?
 - `wheel`: How fast does the wheel turn?

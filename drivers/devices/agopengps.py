@@ -13,6 +13,7 @@ import math
 import struct
 
 from topdress.control.readings import GnssFix
+from topdress.drivers.devices.device import Receiver
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.nmea import MAX_SPEED_MPS
 
@@ -129,3 +130,11 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
                 heading_deg=heading_deg % 360.0,
             )
         ]
+
+
+RECEIVER = Receiver(
+    protocol="agopengps",
+    captured_as="agopengps",
+    make_decoder=lambda live: AgOpenGpsDecoder(),
+    port="udp://127.0.0.1:17777",
+)

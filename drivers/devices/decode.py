@@ -9,15 +9,12 @@ from functools import partial
 from typing import Any
 
 from topdress.control.readings import GnssFix
-from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
-from topdress.drivers.devices.device import LineDevice, Record
-from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.gpsd import GpsdDecoder
+from topdress.drivers.devices.device import LineDevice, Receiver, Record
 from topdress.drivers.devices.lines import Counts
-from topdress.drivers.devices.registry import list_line_devices
+from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.devices.slave_board import BoardReadings, SlaveBoard
 from topdress.drivers.plugins import find_plugin
 
@@ -128,15 +125,17 @@ def _make_board_record(readings: BoardReadings) -> Record:
     return record
 
 
+def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], Counts]:
+    return _decode_all(receiver.make_decoder(False), _make_fix_record, data)
+
+
 def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], Counts]:
     assert device.make_record is not None
     return _decode_all(device.make_decoder(None), device.make_record, data)
 
 
 DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
-    "gnss": lambda data: _decode_all(GnssDecoder(live=False), _make_fix_record, data),
-    "gpsd": lambda data: _decode_all(GpsdDecoder(), _make_fix_record, data),
-    "agopengps": lambda data: _decode_all(AgOpenGpsDecoder(), _make_fix_record, data),
+    **{one.captured_as: partial(_decode_receiver, one) for one in map_receivers().values()},
     "board": lambda data: _decode_all(SlaveBoard(), _make_board_record, data),
     **{
         one.section: partial(_decode_line_device, one)

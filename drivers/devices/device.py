@@ -16,6 +16,8 @@ from topdress.control.frozen_model import FrozenModel
 from topdress.drivers.datagrams import validate_line_url
 from topdress.drivers.devices.lines import LineDecoder
 
+# Ports of a device that is no program.
+SERIAL_PORT = "a serial port or socket://HOST:PORT"
 LineUrl = Annotated[str, AfterValidator(validate_line_url)]
 Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 Record = dict[str, float | int | str | None]
@@ -54,3 +56,23 @@ class LineDevice:
     make_example: Callable[[], bytes]
     make_record: Callable[[Any], Record] | None = None
     heard_as: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Receiver:
+    """Defines a source of fixes: a module of this folder with a `RECEIVER`.
+
+    Parameters
+    ----------
+    protocol : name in cab files and in `topdress devices`.
+    captured_as : name in `topdress decode`.
+    make_decoder : returns a decoder; True for a line, False for a recording.
+    port : a port that is allowed, or what it may be; with "udp://" no other port is.
+    hello : bytes that request reports at every connection.
+    """
+
+    protocol: str
+    captured_as: str
+    make_decoder: Callable[[bool], Any]
+    port: str = SERIAL_PORT
+    hello: bytes = b""

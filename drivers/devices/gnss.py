@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 
 from topdress.control.readings import GnssFix
+from topdress.drivers.devices.device import Receiver
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse_sentence
 
@@ -234,3 +235,10 @@ def _calc_time_ahead_ms(later_ms: int, earlier_ms: int) -> int:
     """Returns the time in ms by which one time of day is ahead of another, by the shorter way round
     midnight: -12 h to 12 h."""
     return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2
+
+
+RECEIVER = Receiver(
+    protocol="nmea0183",
+    captured_as="gnss",
+    make_decoder=GnssDecoder,
+)

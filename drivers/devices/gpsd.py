@@ -10,6 +10,7 @@ from datetime import datetime
 from typing import Any
 
 from topdress.control.readings import GnssFix
+from topdress.drivers.devices.device import Receiver
 from topdress.drivers.devices.gnss import NEW_CLOCK_DELAY_S
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import MAX_HDOP, MAX_SPEED_MPS
@@ -165,3 +166,11 @@ def _read_number(report: dict[str, Any], key: str, low: float, high: float) -> f
     if not low <= value <= high:
         raise Rejected("impossible_value")
     return float(value)
+
+
+RECEIVER = Receiver(
+    protocol="gpsd",
+    captured_as="gpsd",
+    make_decoder=lambda live: GpsdDecoder(),
+    hello=WATCH_COMMAND,
+)

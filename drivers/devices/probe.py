@@ -11,10 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder
-from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.gpsd import GpsdDecoder
 from topdress.drivers.devices.lines import Counts, Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
     BoardLabel,
@@ -23,7 +20,7 @@ from topdress.drivers.devices.rate_module_frames import (
     ModuleTrace,
     decode_heard,
 )
-from topdress.drivers.devices.registry import list_line_devices
+from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.ports import Clock, Port, escape_unprintable
 
@@ -63,9 +60,7 @@ def make_decoders() -> dict[str, Decoder]:
     """Returns a new decoder for every line protocol, in any order."""
     return {
         "slave-board/1": SlaveBoard(),
-        "agopengps": AgOpenGpsDecoder(),
-        "nmea0183": GnssDecoder(),
-        "gpsd": GpsdDecoder(),
+        **{name: one.make_decoder(True) for name, one in map_receivers().items()},
         **{one.heard_as or one.section: one.make_decoder(None) for one in list_line_devices()},
         **{
             f"{name} (multiplexed)": HeadDecoder(layout, head=None)
