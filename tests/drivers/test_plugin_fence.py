@@ -249,5 +249,5 @@ def test_what_cannot_be_loaded_ends_no_command_without_a_word(installed, tmp_pat
 def test_values_of_the_wrong_kind_are_refused_by_name(installed):
     with pytest.raises(PluginFault, match="plug-in wrong_head of hostile: "):
         find_head_fields("wrong_head")
-    with pytest.raises(ValueError, match="allowed is one of nmea0183"):
+    with pytest.raises(ValueError, match="allowed is one of agopengps, nmea0183, gpsd"):
         GnssConfig(protocol="wrong_head", port="COM3")
