@@ -5,7 +5,7 @@ ports and drivers.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from topdress.control.readings import (
     SENSED_COLUMNS,
@@ -96,7 +96,7 @@ class Cab:
             for one in list_line_devices()
             if (section := getattr(config, one.section)) is not None
         }
-        readers: list[DeviceReader | None] = [
+        readers: list[LineReader | RateModuleReader | None] = [
             self._gnss,
             *(self._open_heads(heads, clock, opener) if heads else ()),
             self._drives,
@@ -319,15 +319,6 @@ MAX_DOSE_WAIT_S = 0.1
 ENABLE_ECHO_TIMEOUT_S = 0.3
 
 
-class DeviceReader(Protocol):
-    """Defines what reads one device at a tick."""
-
-    @property
-    def line(self) -> DeviceLine: ...
-
-    def read_values(self, now_s: float) -> dict[str, Any]: ...
-
-
 class LineReader:
     """Reads a device on a line. `newest` is its newest message, and `find_measurements` gives the
     fields of `Measurements` that a message sets."""
@@ -478,20 +469,10 @@ class RateModuleReader:
         return found
 
 
-class _LineSection(Protocol):
-    """Defines a section of the cab file with a line."""
-
-    @property
-    def port(self) -> str: ...
-
-    @property
-    def baud(self) -> int: ...
-
-
 def _open_device_line(
     name: str,
     protocol: str,
-    section: _LineSection,
+    section: LineConfig,
     decoder: Any,
     clock: Clock,
     opener: PortOpener,

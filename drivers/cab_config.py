@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.drivers.datagrams import is_loopback, parse_udp_address
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields, find_head_fields
-from topdress.drivers.devices.device import SERIAL_PORT, Baud, LineUrl
+from topdress.drivers.devices.device import SERIAL_PORT, Baud, LineConfig, LineUrl
 from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.plugins import CALLABLE_TYPE, find_entry_points, find_plugin
 
@@ -38,7 +38,7 @@ def _validate_receiver(name: str) -> str:
 Receiver = Annotated[str, AfterValidator(_validate_receiver), Field(examples=list(map_receivers()))]
 
 
-class GnssConfig(FrozenModel):
+class GnssConfig(LineConfig):
     """Describes a receiver, or a program that passes on a receiver's position.
 
     `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`:
@@ -47,8 +47,6 @@ class GnssConfig(FrozenModel):
     """
 
     protocol: Receiver = "nmea0183"
-    port: LineUrl
-    baud: Baud = 115200
 
     @model_validator(mode="after")
     def _check_address(self) -> Self:
@@ -135,11 +133,9 @@ class HeadsConfig(FrozenModel):
         return found
 
 
-class BoardConfig(FrozenModel):
+class BoardConfig(LineConfig):
     """Describes the slave board, the limits of its drives and the wheel whose pulses it counts."""
 
-    port: LineUrl
-    baud: Baud = 115200
     max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
     max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
     wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder
-from topdress.drivers.devices.lines import Counts, Ignored, Rejected
+from topdress.drivers.devices.lines import Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
     BoardLabel,
     BoardStatus,
@@ -45,18 +45,7 @@ class ProbeFinding(NamedTuple):
     opened: bool = True
 
 
-class Decoder(Protocol):
-    """Defines the decoders that a probe can use."""
-
-    counts: Counts
-
-    @property
-    def min_recognised(self) -> int: ...
-
-    def feed(self, data: bytes, time_s: float) -> Sequence[object]: ...
-
-
-def make_decoders() -> dict[str, Decoder]:
+def make_decoders() -> dict[str, Any]:
     """Returns a new decoder for every line protocol, in any order."""
     return {
         "slave-board/1": SlaveBoard(),
