@@ -32,12 +32,18 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 # of a test of the exam, some of which run for minutes; of the others: pyproject.toml
 EXAM_S = 1800.0
+# Cases that belong to `make exam` (the file says why).
+REPEATED_CASES = frozenset(
+    (Path(__file__).parent / "repeated_cases.txt").read_text(encoding="utf-8").splitlines()
+)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """No test runs for ever: one that a fault makes loop fails, and the rest still says what it
-    has to say."""
+    """Marks the cases that repeat others. No test runs for ever: one that a fault makes loop
+    fails, and the rest still says what it has to say."""
+    if item.nodeid in REPEATED_CASES:
+        item.add_marker("exam")
     if item.get_closest_marker("exam") and not item.get_closest_marker("timeout"):
         item.add_marker(pytest.mark.timeout(EXAM_S))
 

@@ -70,3 +70,16 @@ def test_a_test_that_loops_fails_and_the_others_run(
 
 def test_no_name_of_a_test_floods_a_terminal(request: pytest.FixtureRequest) -> None:
     assert [item.nodeid[:200] for item in request.session.items if len(item.nodeid) > 300] == []
+
+
+def test_repeated_cases_are_cases_of_tests_that_are_there() -> None:
+    """A case that is renamed would come back to the quick set without a word."""
+    for line in (
+        (Path(__file__).parent / "repeated_cases.txt").read_text(encoding="utf-8").splitlines()
+    ):
+        if line.startswith("#"):
+            continue
+        path, name = line.split("[")[0].split("::")
+        assert f"def {name}(" in (Path(__file__).parents[1] / path).read_text(encoding="utf-8"), (
+            line
+        )
