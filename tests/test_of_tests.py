@@ -35,9 +35,10 @@ def test_every_test_has_a_time_limit(request: pytest.FixtureRequest) -> None:
 def test_a_test_that_loops_fails_and_the_others_run(
     tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    (tmp_path / "conftest.py").write_text(
-        Path(__file__).with_name("conftest.py").read_text(encoding="utf-8")
-    )
+    for name in ("conftest.py", "repeated_cases.txt"):
+        (tmp_path / name).write_text(
+            Path(__file__).with_name(name).read_text(encoding="utf-8"), encoding="utf-8"
+        )
     (tmp_path / "test_loops.py").write_text(LOOPS)
     began_s = time.monotonic()
     ended = subprocess.run(
