@@ -21,31 +21,19 @@ OUTLINE_TYPE, OBSTACLE_TYPES, HEADLAND_TYPE = "1", ("3", "4", "5", "6"), "10"
 EXTERIOR_LINE, INTERIOR_LINE, GUIDANCE_LINE = "1", "2", "5"
 
 
-def find_task_set(path: Path) -> TaskSet | None:
-    """Returns the task set at a path; None without a task set. Raises FieldError for several task
-    sets, RefusedInput, OSError."""
+def read_task_layers(path: Path) -> list[Layer]:
+    """Returns the fields of the task set at a path as a layer; none without a task set. Raises
+    FieldError, also for several task sets, RefusedInput, OSError."""
     found = find_task_sets(path)
     # The choice would decide about a field, so it is left to the user.
     if len(found) > 1:
         names = ", ".join(one.label for one in found[:12])
         raise FieldError(f"{path}: {len(found)} task sets: allowed is one, of {names}")
-    return found[0] if found else None
+    return [_read_task_layer(one) for one in found]
 
 
-def read_task_layers(path: Path) -> list[Layer]:
-    """Returns the fields of the task set at a path as a layer; none without a task set. Raises
-    FieldError, RefusedInput, OSError."""
-    files = find_task_set(path)
-    if files is None:
-        return []
-    named, findings = read_task_shapes(files)
-    shapes = np.array([shape for _, shape in named], dtype=object)
-    return [Layer("", tuple({"name": title} for title, _ in named), shapes, tuple(findings))]
-
-
-def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:
-    """Returns names and shapes in longitude and latitude, and findings about the set's contents.
-    Raises FieldError, RefusedInput, OSError."""
+def _read_task_layer(files: TaskSet) -> Layer:
+    """Returns names and shapes in longitude and latitude, and findings about the set's contents."""
     root = read_task_tree(files)
     findings = [Finding("task_set", _describe_task_set(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []
@@ -73,7 +61,8 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
                     shapes.append((called or line.get("B", ""), shapely.LineString(places)))
     if not shapes:
         raise FieldError(f"{files.label}: no outline of a field in it: {findings[0]}")
-    return shapes, findings
+    rows = tuple({"name": title} for title, _ in shapes)
+    return Layer("", rows, np.array([shape for _, shape in shapes], object), tuple(findings))
 
 
 def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
