@@ -54,10 +54,8 @@ _COLUMN_INDEX = tuple(
 def find_value(row: LogRow, channel: str) -> float:
     """Return the value of one channel of a row, NaN where unknown. The rate error is defined only
     while the machine works."""
-    at = _COLUMN_INDEX[CHANNEL_INDEX[channel]]
-    if at >= 0:
-        value = row[at]
-        return NAN if value is None else float(value)
+    if channel != RATE_ERROR_ID:
+        return NAN if (value := getattr(row, channel)) is None else float(value)
     # A foreign log has no state; every row of it counts as work.
     error = (
         find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)

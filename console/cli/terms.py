@@ -16,20 +16,17 @@ if TYPE_CHECKING:
 def parse_terms(texts: Sequence[str]) -> list[Term]:
     """Returns terms of a simulated machine, each with an id of its own. Raises ValueError,
     CommandError, ConfigError."""
-    from topdress.control.machine.form import SHAFT_ANGLE
-    from topdress.control.machine.term_sums import KNOWN_TO_CONTROL
-    from topdress.control.machine.terms import parse_term
+    from topdress.control.machine.terms import VARIABLES, parse_term
 
-    allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
     for text in texts:
         term = parse_term(text, _validate_term)
         for name in term.variable_names:
-            if name not in allowed:
+            if name not in VARIABLES:
                 raise CommandError(
                     f"term {text!r}: variable {name}: the simulated machine has no such "
                     "column: allowed "
-                    f"{', '.join(allowed)}"
+                    f"{', '.join(VARIABLES)}"
                 )
         found.append(term.model_copy(update={"id": f"{term.id}.{len(found) + 1}"}))
     return found

@@ -22,7 +22,6 @@ _SENSED_VALID_FOR_S: tuple[tuple[Any, float], ...] = tuple(
     (name, VALID_FOR_S[name]) for name in SENSED_COLUMNS
 )
 # A head that is silent for longer counts as missing in the row.
-HEAD_SILENT_S = VALID_FOR_S["ndvi_1"]
 # Empty cells for six heads and their decided NDVI.
 _SILENT_CELLS = (None,) * 7
 
@@ -107,4 +106,4 @@ def make_log_row(
 
 def read_head_ndvi(m: Measurements) -> tuple[float | None, ...]:
     """Returns the reading of each head; None for a silent head."""
-    return tuple([find_valid_value(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])
+    return tuple([find_valid_value(r, m.time_s, VALID_FOR_S["ndvi_1"]) for r in m.ndvi])

@@ -178,9 +178,7 @@ def explain_not_compensated(term: Term, known: Iterable[str] = ()) -> str:
         return "control does not know the shaft's angle when what it commands comes to pass"
     if term.stage == "speed":
         return "control does not read the wheel through it"
-    extra = [
-        name for name in term.variable_names if name not in KNOWN_TO_CONTROL and name not in known
-    ]
+    extra = [name for name in term.variable_names if name not in VARIABLES and name not in known]
     if extra:
         return f"no device tells control {extra[0]}"
     return ""
@@ -194,6 +192,3 @@ def explain_partly_compensated(term: Term) -> str:
     if "time_s" in term.variable_names:
         return "with the time since this run began"
     return ""
-
-
-KNOWN_TO_CONTROL = tuple(name for name in VARIABLES if name != SHAFT_ANGLE)

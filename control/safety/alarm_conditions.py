@@ -74,10 +74,10 @@ def _find_speed_doubt(f: Facts, refused: RefusedSpeed, wheel_above: bool) -> Det
     doubt = f.situation.speed_doubt
     if doubt is None or doubt.refused is not refused:
         return None
-    if refused is RefusedSpeed.WHEEL and (doubt.wheel_mps > doubt.gnss_mps) != wheel_above:
-        return None
-    if refused is RefusedSpeed.EITHER and not has_lasted(
-        doubt.since_s, doubt.differed_s, f.limits.speeds_differ_s
+    other_wheel = (doubt.wheel_mps > doubt.gnss_mps) != wheel_above
+    undecided = not has_lasted(doubt.since_s, doubt.differed_s, f.limits.speeds_differ_s)
+    if (refused is RefusedSpeed.WHEEL and other_wheel) or (
+        refused is RefusedSpeed.EITHER and undecided
     ):
         return None
     return (
@@ -105,17 +105,15 @@ def _find_few_heads(f: Facts) -> Details | None:
     if s.target_source not in CANOPY_SOURCES or s.valid_heads is None or s.valid_heads >= least:
         return None
     spoke = all(reading is not None for reading in s.measurements.ndvi)
-    if not (spoke or f.on_s > f.limits.ndvi_silent_s):
-        return None
-    return ("valid_heads", s.valid_heads), ("limit", least)
+    judged = spoke or f.on_s > f.limits.ndvi_silent_s
+    return (("valid_heads", s.valid_heads), ("limit", least)) if judged else None
 
 
 def _find_unused_range(f: Facts, above: bool) -> Details | None:
     """Finds a rate beyond the machine's range, and adds the speed at which the rate is possible."""
     breach = f.situation.range_breach
-    if breach is None or breach.above != above:
-        return None
-    if not f.has_lasted(f.memory.beyond_range_since_s, f.limits.beyond_range_s):
+    lasted = f.has_lasted(f.memory.beyond_range_since_s, f.limits.beyond_range_s)
+    if breach is None or breach.above != above or not lasted:
         return None
     return (
         ("wanted_kg_ha", _round_known(breach.wanted_kg_ha)),
@@ -158,8 +156,11 @@ def _find_trim(f: Facts) -> Details | None:
 
 def _find_moved_calibration(f: Facts) -> Details | None:
     fastest = max(f.seen.wheel_speed_mps or 0.0, f.seen.gnss_speed_mps or 0.0)
-    moved = fastest > f.limits.calibrate_fault_speed_mps
-    return (("speed_mps", round(fastest, 2)),) if moved else None
+    return (
+        (("speed_mps", round(fastest, 2)),)
+        if fastest > f.limits.calibrate_fault_speed_mps
+        else None
+    )
 
 
 def _find_empty_hopper(f: Facts) -> Details | None:
@@ -177,8 +178,7 @@ def _find_lost_place(f: Facts) -> Details | None:
 
 
 def _find_silent_gnss(f: Facts) -> Details | None:
-    heard = f.situation.measurements.gnss is not None
-    awaited = heard or f.on_s > f.limits.gnss_period_max_s
+    awaited = f.situation.measurements.gnss is not None or f.on_s > f.limits.gnss_period_max_s
     return () if awaited and not f.seen.gnss_ok else None
 
 

@@ -12,7 +12,7 @@ from topdress.console.app.action import ANYWHERE
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Choice
 from topdress.console.app.pages.page_registry import SCREEN_CLASSES
-from topdress.console.app.pages.settings.page import SettingsList, ThemeDialog
+from topdress.console.app.pages.settings.page import LANGUAGE_NAMES, SettingsList, ThemeDialog
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
 from topdress.console.app.settings import find_key_clash, find_keymap_fault, make_theme
@@ -64,7 +64,7 @@ async def test_a_choice_takes_effect_at_once_and_is_kept(app, kept, pilot):
     await pilot.press("enter", "3", "enter")
     assert app.theme == "contrast" and in_file(kept).theme == "contrast"
     await on_settings(app, pilot, "language")
-    await pilot.press("enter", "3", "enter")
+    await pilot.press("enter", str(list(LANGUAGE_NAMES).index("zh") + 1), "enter")
     assert find_language_code() == "zh" and in_file(kept).language == "zh"
 
 
@@ -209,6 +209,7 @@ def test_every_language_can_be_chosen():
         "auto",
         *list_languages(),
     }
+    assert set(LANGUAGE_NAMES) == set(get_args(Settings.model_fields["language"].annotation))
 
 
 async def test_a_theme_of_the_users_own(source, clock):
