@@ -308,7 +308,11 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
             break
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    try:
+        _, said = process.communicate(timeout=30)
+    finally:
+        # A command that goes on would take a processor for an hour.
+        process.kill()
     assert process.returncode == 130
     assert b"cancelled" in said
     assert list(tmp_path.iterdir()) == []
