@@ -16,6 +16,7 @@ from topdress.console.services.foreign_files import READ_SUFFIXES
 from topdress.console.services.map_refused import MAP_KINDS
 from topdress.console.services.removable_media import is_map_likely, list_entries
 from topdress.control.targets.prescription import MapData, Zone
+from topdress.drivers.files import limits
 from topdress.drivers.files.extras import is_extra_installed
 from topdress.drivers.files.file_sniffer import FILE_KINDS, sniff_file_kind
 from topdress.drivers.files.formats.file_format import FileFormat
@@ -155,6 +156,21 @@ def test_what_a_format_states_is_whole() -> None:
         assert not one.read_table or one.title in logs
         for part in (one.read_map, one.read_layers, one.read_table):
             assert part is None or callable(part)
+
+
+@pytest.mark.parametrize(
+    "one", [one for one in list_formats() if one.endings], ids=lambda one: one.id
+)
+def test_a_file_is_held_to_the_limit_of_its_format(
+    one: FileFormat, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held: list[limits.Limit] = []
+    monkeypatch.setattr(limits, "check_limit", lambda limit, *_: held.append(limit))
+    for ending in one.endings:
+        path = tmp_path / f"a{ending}"
+        path.write_bytes(b"no zip")
+        limits.check_file(path)
+    assert {*held} == {one.limit}
 
 
 def test_a_format_without_functions_is_offered_nowhere() -> None:
