@@ -24,7 +24,7 @@ from topdress.drivers.ports import (
 # Buffer for one datagram, bytes; every known message is shorter.
 MAX_DATAGRAM_BYTES = 2048
 # Largest number of datagrams that one read returns; in a flood older ones are dropped.
-MAX_WAITING_DATAGRAMS = 64
+MAX_DATAGRAMS_PER_READ = 64
 # Largest number of datagrams taken from the system in one read, other senders included; the system
 # may drop the rest.
 MAX_TAKEN_DATAGRAMS = 512
@@ -177,7 +177,7 @@ class UdpPort:
     def read_each(self) -> list[bytes]:
         """Returns the received datagrams."""
         self._bind_socket()
-        found: deque[bytes] = deque(maxlen=MAX_WAITING_DATAGRAMS)
+        found: deque[bytes] = deque(maxlen=MAX_DATAGRAMS_PER_READ)
         for _ in range(MAX_TAKEN_DATAGRAMS):
             if self._socket is None:
                 break
@@ -193,7 +193,7 @@ class UdpPort:
                 self._traffic.dropped_in += len(data)
                 self._last_error = f"a datagram from {sender[0]} was refused"
                 continue
-            if len(found) == MAX_WAITING_DATAGRAMS:
+            if len(found) == MAX_DATAGRAMS_PER_READ:
                 self._traffic.dropped_in += len(found[0])
             found.append(data)
         for data in found:

@@ -285,12 +285,12 @@ class MapInk:
 
 
 # Ground of maps without a machine.
-_EMPTY_GROUND = WorkedGround()
+_NO_WORKED_GROUND = WorkedGround()
 
 
 def find_planned_scale(picture: FieldPicture | None, units: Units) -> LayerScale:
     """Return the colour scale of a plan before anything is spread."""
-    return find_colour_scale(MapLayer.APPLIED, _EMPTY_GROUND, picture, units)
+    return find_colour_scale(MapLayer.APPLIED, _NO_WORKED_GROUND, picture, units)
 
 
 def draw_small_map(
@@ -322,7 +322,7 @@ def draw_small_map(
             "#{:02x}{:02x}{:02x}".format(*rgb) for rgb in cell[1:] if rgb is not None
         )
 
-    view = MapView(_EMPTY_GROUND, 0, picture, scale, camera, None, None)
+    view = MapView(_NO_WORKED_GROUND, 0, picture, scale, camera, None, None)
     return [
         [format_cell(ink.draw_cell(code)) for code in row]
         for row in make_cell_codes(view, pixels).tolist()

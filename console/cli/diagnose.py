@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 # `diagnose --adopt` writes everything that is decided, and of the undecided causes only those
 # selected by name.
-def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
+def refuse_picked_causes(picked: tuple[str, ...], out: Path | None) -> None:
     """Raises CommandError, before minutes of work, for names that no diagnosis could give."""
     from topdress.control.machine.machine import CATALOGUE
 
@@ -298,7 +298,7 @@ def run_diagnose(
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     picked = tuple(pick or ())
-    refuse_picks(picked, adopt)
+    refuse_picked_causes(picked, adopt)
     loaded = load_machine(machine)
     setup = None if closed_loop is None else _load_job_setup(machine, job or "demo")
     # Files that are read must not be overwritten, even with --force.

@@ -26,7 +26,7 @@ REPORT_NAME = "report.html"
 # Interval of progress lines without a terminal, s.
 PROGRESS_PERIOD_S = 30.0
 # Number of listed rows that belong to no log.
-MAX_LISTED_ROWS = 20
+MAX_STRAY_ROWS = 20
 
 
 def run_fleet(
@@ -262,7 +262,7 @@ def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
     except ValueError as error:
         raise CommandError(f"{table}: {error}") from None
     # A long list of rows without logs says no more than its beginning.
-    for said in found.unused[:MAX_LISTED_ROWS]:
+    for said in found.unused[:MAX_STRAY_ROWS]:
         typer.echo(f"{table}: {said}", err=True)
     typer.echo(
         f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "

@@ -33,7 +33,8 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
 
 
 def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Returns the effects of `--effect`: those of plug-ins as texts of terms, and the others.
+    """Returns the effects of `--effect`: the plug-ins' effects as texts of terms, and the
+    effects of the catalogue.
     Raises ValueError."""
     terms, own = list[str](), list[str]()
     for text in effects:

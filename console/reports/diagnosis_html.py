@@ -178,7 +178,7 @@ def _format_cause(cause: Cause, pictures: Sequence[Any]) -> str:
     if then:
         pairs.append(("When", escape_text(then)))
     pairs += [
-        ("Probability", _format_shares(cause)),
+        ("Probability", _format_rival_probs(cause)),
         ("In the field", escape_text(sentences.describe_field_cost(cause.field_cost))),
         ("What to do", f'<span class="do">{escape_text(cause.advice)}</span>'),
     ]
@@ -214,7 +214,7 @@ def _format_size(cause: Cause, unit: str) -> str:
     )
 
 
-def _format_shares(cause: Cause) -> str:
+def _format_rival_probs(cause: Cause) -> str:
     """Returns the cause's own probability and those of its rivals."""
     if not sentences.list_rivals(cause):
         said = escape_text(format_percent(cause.probability))

@@ -78,7 +78,7 @@ class SnapshotKeeper:
         self._track_m: float | None = None
         self._saved_s = -inf
         self._saved = False
-        self._scale = _ReleasedAfterCut(started.after_cut_kg, started.cut_hopper_kg)
+        self._scale = _ReleaseBeforeCut(started.after_cut_kg, started.cut_hopper_kg)
         self.trouble = ""
         self.tally = self._make_tally()
 
@@ -246,7 +246,7 @@ class SnapshotKeeper:
         )
 
 
-class _ReleasedAfterCut:
+class _ReleaseBeforeCut:
     """Measures the mass released after the last row before a cut: mean reading of the scale while
     nothing flows, minus the reading before."""
 

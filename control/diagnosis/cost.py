@@ -23,7 +23,7 @@ STEP_S = 1.0
 # Causes are ordered by consequence: 0.1 m of position error counts as 1 % of rate error.
 PERCENT_PER_METRE = 10.0
 # Costs of effects outside the machine model; the cost of a head's error depends on the crop.
-COST_WITHOUT_MODEL = {CostKind.CROP: FieldCost(None, None), CostKind.NEITHER: FieldCost(0.0, 0.0)}
+COSTS_OUTSIDE_MODEL = {CostKind.CROP: FieldCost(None, None), CostKind.NEITHER: FieldCost(0.0, 0.0)}
 
 
 class OperatingPoint(NamedTuple):

@@ -67,7 +67,7 @@ class _OutletBar(NamedTuple):
     right: Place
 
 
-class _OutletStrip:
+class _OutletGroup:
     """Outlets that flow together, with the end of their last stretch. Edges: m to the right of
     the middle."""
 
@@ -127,7 +127,7 @@ class Coverage:
         self._travelled_m = 0.0
         self._last: Place | None = None
         self._strips = [
-            _OutletStrip(left, right)
+            _OutletGroup(left, right)
             for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)
         ]
         self._sides = allocate_sides()
@@ -289,7 +289,7 @@ class Coverage:
         for strip in self._strips:
             self._end_stretch(strip, None)
 
-    def _end_stretch(self, strip: _OutletStrip, bar: _OutletBar | None) -> None:
+    def _end_stretch(self, strip: _OutletGroup, bar: _OutletBar | None) -> None:
         if strip.bar is not None and strip.saved is not None:
             self._sweep_stretch(strip.bar, strip.place_outlets(*strip.saved))
         strip.bar, strip.saved = bar, None

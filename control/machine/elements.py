@@ -28,7 +28,7 @@ class DelayLine(NamedTuple):
     times_s: Array | list[float]
     values: Array | list[float]
     newest: int
-    # Index of the change in force at the last requested time.
+    # Index of the change that applies at the last requested time.
     in_force: int
 
 

@@ -25,7 +25,7 @@ MOVING_MPS = 0.3
 # No spreader works faster than 29 km/h.
 IMPLAUSIBLE_MPS = 8.0
 # Least number of pieces of track for a ratio.
-MIN_PIECES = 5
+MIN_TRACK_PIECES = 5
 # Least number of moving rows: four seconds at 10 Hz, as long as a piece of track.
 MIN_MOVING_ROWS = 40
 
@@ -55,7 +55,9 @@ def compare_with_track(columns: Mapping[str, NDArray[Any]], name: str) -> float 
     said = (columns[name][start] + columns[name][end]) / 2.0
     usable = (track_mps > MOVING_MPS) & (said > MOVING_MPS)
     return (
-        float(np.median(said[usable] / track_mps[usable])) if usable.sum() >= MIN_PIECES else None
+        float(np.median(said[usable] / track_mps[usable]))
+        if usable.sum() >= MIN_TRACK_PIECES
+        else None
     )
 
 

@@ -9,7 +9,7 @@ from topdress.control.orders import State
 from topdress.control.safety.alarms import LiveAlarm
 from topdress.control.safety.motion import Motion
 from topdress.control.safety.standstill_monitor import StandstillWatch
-from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
+from topdress.control.safety.work_watch import FollowWatch, HopperTimes, RateWatch
 
 
 class Allowances(NamedTuple):
@@ -44,7 +44,7 @@ class Memory(NamedTuple):
     flowing: bool = False
     motion: Motion = Motion()
     rate: RateWatch = RateWatch()
-    hopper: HopperWatch = HopperWatch()
+    hopper: HopperTimes = HopperTimes()
     stand: StandstillWatch = StandstillWatch()
     follow: FollowWatch = FollowWatch()
     scale_heard: bool = False

@@ -112,7 +112,7 @@ def watch_rate(
     )
 
 
-class HopperWatch(NamedTuple):
+class HopperTimes(NamedTuple):
     """Holds since when the hopper is empty or low."""
 
     empty_since_s: float | None = None
@@ -121,12 +121,12 @@ class HopperWatch(NamedTuple):
 
 
 def watch_hopper(
-    before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits
-) -> HopperWatch:
+    before: HopperTimes, now_s: float, hopper_kg: float | None, limits: SafetyLimits
+) -> HopperTimes:
     """Returns the state of the hopper after this tick. `hopper_kg` None means no scale or a
     silent scale; then nothing is judged."""
     if hopper_kg is None:
-        return HopperWatch(low=before.low)
+        return HopperTimes(low=before.low)
     edge_kg = limits.hopper_low_kg + (limits.hopper_clear_kg if before.low else 0.0)
     low_since = find_since_s(before.low_since_s, now_s, hopper_kg <= edge_kg)
     # Noise of the scale must not end a confirmed empty hopper.
@@ -139,4 +139,4 @@ def watch_hopper(
     low = low_since is not None and (
         before.low or has_lasted(low_since, now_s, limits.hopper_confirm_s)
     )
-    return HopperWatch(empty_since, low_since, low)
+    return HopperTimes(empty_since, low_since, low)

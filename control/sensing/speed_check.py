@@ -67,7 +67,7 @@ MARKS_KEPT_S = 12.0
 # The wheel is corrected over the way between places of this time, s, while GNSS's speed is refused.
 RATIO_SPAN_S = 15.0
 # A way is straight where its ends are at least this share of its length apart.
-STRAIGHT_SHARE = 0.95
+MIN_STRAIGHT_WAY_SHARE = 0.95
 
 
 # Time of agreement until a witness is trusted again, s: that of the longest window that shows the
@@ -179,7 +179,7 @@ class SpeedCheck:
         )
         return (
             hypot(*_calc_place_way(first, now)) / rolled_m
-            if rolled_m > STRAIGHT_SHARE * way_m
+            if rolled_m > MIN_STRAIGHT_WAY_SHARE * way_m
             else None
         )
 

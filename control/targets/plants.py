@@ -47,8 +47,8 @@ class PlantList:
 
 
 class SeenPlant(NamedTuple):
-    """Holds a plant in a camera's picture: its distance ahead of the outlet when that was at
-    `track_m`.
+    """Holds a plant in a camera's picture: its distance ahead of the outlet at the moment
+    when the outlet was at `track_m`.
 
     The time stamp removes the camera's computing time (point paper: 1.5 s) from the lag, because
     the way driven since is known."""

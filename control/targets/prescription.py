@@ -219,7 +219,7 @@ class Prescription:
         targets = self.find_targets(
             np.asarray(start) + middles[:, None] * np.asarray(find_unit_vector(heading_deg))
         )
-        pieces: list[_ZonePiece] = []
+        pieces: list[_ZoneInterval] = []
         for begin, end, target in zip(
             edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True
         ):
@@ -227,7 +227,7 @@ class Prescription:
             # difference is made.
             if pieces and pieces[-1].target == target:
                 begin = pieces.pop().begin_m
-            pieces.append(_ZonePiece(begin, end, target))
+            pieces.append(_ZoneInterval(begin, end, target))
         long = [
             k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)
         ]
@@ -244,13 +244,13 @@ class Prescription:
         return stretches
 
 
-class _ZonePiece(NamedTuple):
+class _ZoneInterval(NamedTuple):
     begin_m: float
     end_m: float
     target: Target
 
 
-def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
+def _is_sliver(piece: _ZoneInterval, between: bool) -> bool:
     """Returns whether a piece is too short to count; a gap in the map counts only where it does
     not lie between two others."""
     # A gap between polygons is a drawing error; in front of the map it is real.

@@ -12,7 +12,7 @@ import pytest
 from topdress.control.readings import DriveCommand
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.datagrams import (
-    MAX_WAITING_DATAGRAMS,
+    MAX_DATAGRAMS_PER_READ,
     UdpPort,
     make_datagram_pair,
     parse_udp_address,
@@ -380,7 +380,7 @@ def test_a_stranger_is_not_heard(clock):
     )
     for _ in range(100):
         module.sendto(b"again", ("127.0.0.1", port.number))
-    assert len(port.read_each()) == MAX_WAITING_DATAGRAMS, "of a flood the newest are given"
+    assert len(port.read_each()) == MAX_DATAGRAMS_PER_READ, "of a flood the newest are given"
     for one in (port, module, stranger):
         one.close()
 

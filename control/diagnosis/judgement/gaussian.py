@@ -179,7 +179,8 @@ class IndependentAxes(NamedTuple):
         )
 
     def calc_sizes(self, v: Array) -> tuple[Array, Array]:
-        """Return b and its variances along the axes: (..., n, k) each."""
+        """Return the sizes b of (6) and their variances along the axes, for n noises and k
+        columns: (..., n, k) each."""
         over = self.length[..., None, :] + v[:, None]
         return (self.score[..., None, :] / over) @ np.swapaxes(self.axes, -1, -2), v[:, None] / over
 

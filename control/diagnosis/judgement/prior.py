@@ -25,11 +25,11 @@ FAULT_PROB = 0.3
 # Share of healthy run logs that may raise an alarm: one in fifty.
 ALARM_LEVEL = 0.02
 # Number of groups of channels that are judged in a run log (`runs.model.CHANNEL_GROUPS`).
-GROUP_COUNT = 4
+CHANNEL_GROUP_COUNT = 4
 # Prior odds that a group of channels of a run log has a fault. The probability that a healthy log
 # reaches the posterior odds of a report is at most the prior odds of all groups over these
 # (Ville's inequality; Shafer et al., Statist. Sci. 26, 2011, 84).
-GROUP_FAULT_PROB = ALARM_LEVEL * exp(MIN_REPORT_LOG_ODDS) / GROUP_COUNT
+GROUP_FAULT_PROB = ALARM_LEVEL * exp(MIN_REPORT_LOG_ODDS) / CHANNEL_GROUP_COUNT
 # Prior shares of a fault's time course: most faults existed before the log began.
 COURSE_PROBS = {"steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
 # Prior probability that a column is in another unit than its file says, or of the other side of a

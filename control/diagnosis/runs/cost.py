@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.cost import COST_WITHOUT_MODEL, OperatingPoint, calc_rate_error
+from topdress.control.diagnosis.cost import COSTS_OUTSIDE_MODEL, OperatingPoint, calc_rate_error
 from topdress.control.diagnosis.effects import EFFECT_ROWS, CostKind, LogRequirement
 from topdress.control.diagnosis.result import FieldCost
 from topdress.control.experiments.levels import USUAL_SPEED_MPS
@@ -37,8 +37,8 @@ def calc_field_cost(part: EffectInstance, machine: Machine, data: RunData) -> Fi
     follows the scale.
     """
     costs = EFFECT_ROWS[part.id].costs
-    if costs in COST_WITHOUT_MODEL:
-        return COST_WITHOUT_MODEL[costs]
+    if costs in COSTS_OUTSIDE_MODEL:
+        return COSTS_OUTSIDE_MODEL[costs]
     if costs is CostKind.PLACE:
         late_s = _calc_extra_lag_s(part, machine, data)
         return FieldCost(0.0, None if late_s is None else round(late_s * _calc_mean_speed(data), 3))

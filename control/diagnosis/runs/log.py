@@ -29,7 +29,7 @@ MAX_FURTHER_COLUMNS = 24
 # Number of pieces of the log whose means are compared: a transient affects a single piece.
 PIECE_COUNT = 400
 # Minimum number of pieces for a correlation.
-MIN_PIECES = 20
+MIN_LOG_PIECES = 20
 # Correlation from which two columns are copies: the same reading, in another unit or rounded.
 COPY_CORRELATION = 0.99999
 # Number of rows on which columns are compared.
@@ -194,7 +194,7 @@ def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> di
     """Select the columns that correlate best with a channel's reading minus the fit of the
     published columns, in means over pieces."""
     count = len(next(iter(columns.values())))
-    pieces = max(MIN_PIECES, min(PIECE_COUNT, count // 10))
+    pieces = max(MIN_LOG_PIECES, min(PIECE_COUNT, count // 10))
     edges = np.linspace(0, count, pieces + 1).astype(np.int64)
     theirs = {
         name: _average_pieces(values, edges)

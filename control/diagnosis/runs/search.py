@@ -59,7 +59,7 @@ MIN_OPENING_RANGE_MM = 2.0
 # Maximum row distance, s, at which a missing pulse shows as a dip.
 MAX_DIP_STEP_S = 0.5
 # First step of a line search, as a share of a log row.
-FIRST_STEP_ROWS = 0.5
+FIRST_STEP_ROW_SHARE = 0.5
 # Last step of a line search, as a share of the size's standard deviation.
 LAST_STEP_SD = 0.5
 # Last step as a share of the first, where the standard deviation is 0.
@@ -90,7 +90,7 @@ class ScoreTest(NamedTuple):
     gain: float
     # Gain in log evidence, with size and times integrated.
     evidence: float = 0.0
-    # Share of the log evidence that the unknown times cost.
+    # Reduction of the log evidence, because the times were unknown.
     spent: float = 0.0
 
 
@@ -227,7 +227,7 @@ class Search:
             now = moved
         # The linear step exceeds the model's range, so the likelihood at the last run counts.
         else:
-            best = best and self._calc_run_likelihood(best, p, fit)
+            best = best and self._fit_at_rerun_sizes(best, p, fit)
         assert best is not None
         return (
             self._move_threshold(best)
@@ -285,7 +285,7 @@ class Search:
         amplitude[free], covariance[np.ix_(free, free)] = inside.amplitude, inside.covariance
         return p, inside._replace(amplitude=amplitude, covariance=covariance)
 
-    def _calc_run_likelihood(
+    def _fit_at_rerun_sizes(
         self, found: FittedHypothesis, p: Problem, fit: Fit
     ) -> FittedHypothesis:
         """Return the hypothesis with the likelihood of the sizes with which the model was run."""
@@ -378,7 +378,7 @@ class Search:
                     yield self._fit_at_size(now, k, float(np.clip(size, low, high)))
 
             first = (
-                FIRST_STEP_ROWS
+                FIRST_STEP_ROW_SHARE
                 * self.model.find_channel(EFFECT_ROWS[part.id].channels[0]).grid.step_s
             )
             halvings = int(

@@ -142,7 +142,7 @@ def _calc_dose_errors(cause: SeasonCause, own: Sequence[LogCostInput]) -> Array:
     """Return the dose error in % of each log, (3, n): expected value, lower bound by all
     alternatives, and the largest alternative.
 
-    Another effect of the same level has the time course of the cause.
+    An alternative effect is assumed to have the time course of the cause.
     """
     level = cause.factor, cause.level
     set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.final_size, 1.0),)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.calibration.bench_table import LAG_COLUMNS, BenchTable
 from topdress.control.diagnosis.cost import (
-    COST_WITHOUT_MODEL,
+    COSTS_OUTSIDE_MODEL,
     OperatingPoint,
     calc_consequence,
     calc_rate_error,
@@ -445,8 +445,8 @@ def calc_table_field_cost(
     depends on the crop and is None.
     """
     costs = EFFECT_ROWS[effect.candidate.id].costs
-    if costs in COST_WITHOUT_MODEL:
-        return COST_WITHOUT_MODEL[costs]
+    if costs in COSTS_OUTSIDE_MODEL:
+        return COSTS_OUTSIDE_MODEL[costs]
     changed = add_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_SPEED_MPS
     points = (

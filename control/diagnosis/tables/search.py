@@ -2,8 +2,9 @@
 and without an unknown dependence, by log evidence (judgement/rows.py) and prior odds.
 
 The search uses slopes at the nominal machine. The models within `MAX_SCORE_DEFICIT` of the best are
-then refitted at their own sizes (Gauss-Newton), because effects multiply one another. A size out of
-its bounds cannot be a size of that effect: an unknown dependence resembles the effect.
+then refitted at their own sizes (Gauss-Newton), because effects multiply one another. An effect
+whose best size is out of its bounds is not the cause; the table then has an unknown dependence that
+looks like the effect.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ FIRST_SPAN_INDEX = SPANS_S.index(120.0)
 # A time without rows beyond this, s, and beyond three buckets, is a gap.
 MAX_ROW_STEP_S = 2.5
 # More buckets than any span has rows, which selects the finest series.
-MAX_BUCKETS = 100_000
+FINEST_BUCKET_COUNT = 100_000
 
 
 class TimeWindow(NamedTuple):
@@ -275,7 +275,7 @@ class TrendsScreen(LogPage):
     def _format_value_at(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
         """Return the value in force at a time from the finest series; "--" in a gap."""
         before = self.find_series().find_stretch(
-            channel.id, at_s - MAX_ROW_STEP_S, at_s, MAX_BUCKETS
+            channel.id, at_s - MAX_ROW_STEP_S, at_s, FINEST_BUCKET_COUNT
         )
         value = float(before.mean[-1]) if len(before.mean) else float("nan")
         return "--" if value != value else unit.format_value(value)
