@@ -206,9 +206,11 @@ class OtherSenses:
         s = self.plant.advance_plant(command, enabled)
         assert self.truth is not None
         tooth = int(self.truth.driven_m / self._tooth_m) % len(self._errors)
-        wheel_mps = 0.0 if s.time_s >= self._dead_s else s.wheel_mps * (1.0 + self._errors[tooth])
+        wheel_mps = (
+            0.0 if s.time_s >= self._dead_s else s.wheel_speed_mps * (1.0 + self._errors[tooth])
+        )
         silent = self._out_s[0] <= s.time_s < self._out_s[1]
-        return s._replace(wheel_mps=wheel_mps, gnss=None if silent else s.gnss)
+        return s._replace(wheel_speed_mps=wheel_mps, gnss=None if silent else s.gnss)
 
 
 def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:

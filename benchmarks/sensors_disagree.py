@@ -57,7 +57,9 @@ class Sensors:
 
     def __call__(self, sensed: SensorReadings) -> SensorReadings:
         lies = sensed.time_s >= self._begin_s
-        mps = self._wheel(sensed.wheel_mps) if lies and self._wheel else sensed.wheel_mps
+        mps = (
+            self._wheel(sensed.wheel_speed_mps) if lies and self._wheel else sensed.wheel_speed_mps
+        )
         self._way_m += mps * DT_S
         if int(self._way_m / PULSE_M) > self._pulses:
             self._pulses = int(self._way_m / PULSE_M)
@@ -68,7 +70,7 @@ class Sensors:
         if self._plain:
             fix = self._as_plain(sensed.time_s, fix)
         return sensed._replace(
-            wheel_mps=mps, wheel_pulses=self._pulses, wheel_pulse_s=self._pulse_s, gnss=fix
+            wheel_speed_mps=mps, wheel_pulses=self._pulses, wheel_pulse_s=self._pulse_s, gnss=fix
         )
 
     def _as_plain(self, now_s: float, fix: Any) -> Any:

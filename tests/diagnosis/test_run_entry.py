@@ -122,7 +122,7 @@ def test_no_model_is_held_twice_against_the_catalogue(monkeypatch: pytest.Monkey
     scan = Search.scan_candidates
     monkeypatch.setattr(
         Search,
-        "scan",
+        "scan_candidates",
         lambda of, parts, noise: (
             scans.append(
                 (

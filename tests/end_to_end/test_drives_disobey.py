@@ -231,7 +231,7 @@ def test_strategies_in_the_same_units(benchmark_module):
     setup = m.the_setup()
     found = {}
     for strategy in (Strategy.OPENING_FIRST, Strategy.SPEED_FIRST):
-        record = m.driven_boundary(setup, strategy, 1, 120.0, {}, None)
+        record = m.driven(setup, strategy, 1, 120.0, {}, None)
         found[strategy] = count_moves(
             record.make_columns(), record.fired, setup.machine.geometry.working_width_m
         )
