@@ -111,7 +111,7 @@ def remove_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Direc
             data = data._replace(speed=speed)
             found.append(seen)
     spells = next((one for one in data.efforts if one.name == "effort"), None)
-    bare = None if spells is None else _find_unloaded_spells(spells, machine, data)
+    bare = None if spells is None else _find_unloaded_spells(spells, machine)
     seen = None
     if data.hopper is not None:
         level = _read_scale_level(data.hopper, machine)
@@ -147,7 +147,7 @@ class _Unloaded(NamedTuple):
         )
 
 
-def _find_unloaded_spells(e: DriveEffort, machine: Machine, data: RunData) -> _Unloaded | None:
+def _find_unloaded_spells(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     """Return the spells in which the material's load was absent, or None. At least one spell must
     end, because an empty hopper's does not."""
     bins, stages = predict_binned_effort(e), list_stages(machine)
@@ -183,13 +183,7 @@ def _find_unloaded_spells(e: DriveEffort, machine: Machine, data: RunData) -> _U
     if not ended:
         return None
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[known].mean()))
-    odds = _limit_by_variables(
-        evidence + find_prior_odds(bridging),
-        bridging,
-        on[loaded],
-        [values[loaded] for values in _list_where_variables(data, e.middle_s)],
-        float(on.sum()) / len(begins),
-    )
+    odds = evidence + find_prior_odds(bridging)
     if odds <= MIN_REPORT_LOG_ODDS:
         return None
     half_s = 0.5 * e.grid.step_s
