@@ -254,7 +254,7 @@ def pulses_away_for_a_second(rng: Rng, time_s: Any, wheel: Any) -> None:
 
 
 def a_few_dips(rng: Rng, time_s: Any, wheel: Any) -> None:
-    wheel[np.arange(600, len(wheel), 750)] -= 0.4
+    wheel[np.arange(600, len(wheel), 1000)] -= 0.4
 
 
 def blurred_dips() -> Columns:
@@ -348,12 +348,12 @@ def rates_along_with_speeds() -> Columns:
 
 
 def test_a_few_dips_are_not_certain_to_be_missing_pulses() -> None:
-    """Sixteen outliers that all lie below come by chance once in 65,000 times, and missing
-    pulses are no everyday fault: their probability says so."""
+    """Twelve outliers that all lie below come by chance once in four thousand times, and
+    missing pulses are no everyday fault: their probability says so."""
     log = dipping(a_few_dips)
     (cause,) = diagnose_run(log, Machine()).causes
     assert cause.id == "speed.missed_pulses" and 0.9 < cause.probability < 0.995
-    log["wheel_speed_mps"][np.arange(600, 12_000, 1500)] += 0.8  # half of them above
+    log["wheel_speed_mps"][np.arange(600, 12_000, 2000)] += 0.8  # half of them above
     assert not prepare_log(log, Machine())[2]
 
 

@@ -1,6 +1,6 @@
 """Declares the priors: every number on which a judgement depends, with its reason.
 
-A group of channels (shaft; metering; speed; heads) is faulty with odds `GROUP_FAULT_PROB`. Every
+A group of channels (shaft; metering; speed; heads) is faulty with probability `FAULT_PROB`. Every
 effect of the group has the same odds, and its time course has the shares of `COURSE_PROBS`. Its
 size is distributed around 0 with the scale `usual` of the effect's row
 (control/diagnosis/effects.py) and the tails of a Cauchy distribution, because a machine may have
@@ -20,16 +20,8 @@ from topdress.control.machine.terms import TermTarget
 MIN_NAMED_PROB = 0.9
 # Log odds against no effect from which an effect is reported.
 MIN_REPORT_LOG_ODDS = log(MIN_NAMED_PROB / (1.0 - MIN_NAMED_PROB))
-# Prior odds that a bench table has a fault on a machine that is diagnosed.
+# Prior probability that a group of stages has a fault on a machine that is diagnosed.
 FAULT_PROB = 0.3
-# Share of healthy run logs that may raise an alarm: one in fifty.
-ALARM_LEVEL = 0.02
-# Number of groups of channels that are judged in a run log (`runs.model.CHANNEL_GROUPS`).
-CHANNEL_GROUP_COUNT = 4
-# Prior odds that a group of channels of a run log has a fault. The probability that a healthy log
-# reaches the posterior odds of a report is at most the prior odds of all groups over these
-# (Ville's inequality; Shafer et al., Statist. Sci. 26, 2011, 84).
-GROUP_FAULT_PROB = ALARM_LEVEL * exp(MIN_REPORT_LOG_ODDS) / CHANNEL_GROUP_COUNT
 # Prior shares of a fault's time course: most faults existed before the log began.
 COURSE_PROBS = {"steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
 # Prior probability that a column is in another unit than its file says, or of the other side of a
@@ -87,7 +79,7 @@ def name_course(onset_s: float | None, until_s: float | None, grows: bool) -> st
 
 def calc_log_prior_odds(course: str, names: int) -> float:
     """Return the log prior odds of one effect of `names`, in addition to other effects."""
-    return log(GROUP_FAULT_PROB * COURSE_PROBS[course] / max(1, names))
+    return log(FAULT_PROB * COURSE_PROBS[course] / max(1, names))
 
 
 def calc_sign_log_prior(size: float, only_adds: bool) -> float:

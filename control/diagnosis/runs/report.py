@@ -29,7 +29,6 @@ from topdress.control.diagnosis.judgement.prior import (
     SEPARATION_SD,
     calc_detectable_size,
     calc_log_prior_odds,
-    calc_size_confidence,
 )
 from topdress.control.diagnosis.result import (
     UNKNOWN,
@@ -579,7 +578,7 @@ def _make_direct_cause(seen: DirectDetection, machine: Machine, data: RunData) -
         seen.part.id,
         size,
         seen.part.onset_s,
-        min(float(expit(seen.log_odds)), calc_size_confidence(seen.part.size, seen.sd)),
+        float(expit(seen.log_odds)),
         (),
         None,
         effect.advice,

@@ -656,11 +656,13 @@ def _sum_odds(
     """Return the alternatives of each effect with its worth by the subsets' odds (n,). kept :
     which effects each subset but the last, the whole model, has (n - 1, k)."""
     weights, has = np.array(odds), np.array([*kept, (True,) * len(now.places)])
+    # Beside a second time constant the first is no tolerance of the data sheet's.
+    absorbed = {name for part in now.fit.parts for name in find_absorbed_effects(part.id)}
     places = []
     for k, (part, sd, place) in enumerate(zip(now.fit.parts, now.fit.sd, now.places, strict=True)):
         worth = float(logsumexp(weights[has[:, k]]) - logsumexp(weights[~has[:, k]]))
         place = place._replace(worth=worth)
-        if not CATALOGUE[part.id].effect.onset_only:
+        if not CATALOGUE[part.id].effect.onset_only and part.id not in absorbed:
             place = place.limit(calc_size_confidence(part.size, calc_total_sd(part, sd, machine)))
         places.append(place)
     return tuple(places)
