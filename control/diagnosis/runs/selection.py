@@ -656,7 +656,7 @@ def _sum_odds(
     """Return the alternatives of each effect with its worth by the subsets' odds (n,). kept :
     which effects each subset but the last, the whole model, has (n - 1, k)."""
     weights, has = np.array(odds), np.array([*kept, (True,) * len(now.places)])
-    # Beside a second time constant the first is no tolerance of the data sheet's.
+    # The data sheet has a single time constant: its tolerance is not that of the first of two.
     absorbed = {name for part in now.fit.parts for name in find_absorbed_effects(part.id)}
     places = []
     for k, (part, sd, place) in enumerate(zip(now.fit.parts, now.fit.sd, now.places, strict=True)):
