@@ -181,8 +181,8 @@ def calc_block_gain(
         scores.append(score)
         energies.append(energy)
     gain = min(
-        of_priors + _sum_without_best(np.concatenate(moved)),
-        _sum_without_best(np.concatenate(stands)),
+        of_priors + _sum_gains(np.concatenate(moved)),
+        _sum_gains(np.concatenate(stands)),
     )
     return gain / _calc_variance_ratio(np.concatenate(scores), np.concatenate(energies))
 
@@ -195,9 +195,9 @@ def _calc_student_gains(without: Array, within: Array, count: Array) -> Array:
     )
 
 
-def _sum_without_best(gains: Array) -> float:
-    """Return the sum of the gains of blocks (b,) without the largest positive gain."""
-    return float(gains.sum() - max(0.0, gains.max(initial=0.0)))
+def _sum_gains(gains: Array) -> float:
+    """Return the sum of the gains of blocks (b,)."""
+    return float(gains.sum())
 
 
 def _calc_variance_ratio(score: Array, energy: Array) -> float:
