@@ -81,3 +81,13 @@ def test_a_refill_is_no_change_of_unit() -> None:
     # 2.2046 times what the hopper held
     log["hopper_kg"] = level + np.where(np.arange(ROWS) < CHANGE, 0.0, 1.2046 * level[CHANGE])
     assert find_unit_change(log, "hopper_kg") is None
+
+
+@pytest.mark.parametrize("read_rpm", [0.4, 1.0, 2.0, 6.0])
+def test_a_shaft_that_starts_late_is_no_change_of_unit(read_rpm: float) -> None:
+    """It is commanded and stands: noise alone becomes some 60 times as large in a row."""
+    log, rng = make_log(6), np.random.default_rng(7)
+    stands = np.arange(ROWS) < 168
+    noise = np.abs(read_rpm * rng.standard_normal(ROWS))
+    log["shaft_rpm"] = np.where(stands, noise, log["shaft_rpm"])
+    assert find_unit_change(log, "shaft_rpm") is None

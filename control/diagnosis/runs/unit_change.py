@@ -2,8 +2,9 @@
 
 A logger that is restarted, or a file joined of two, may write kg above a row and lb below. The
 machine is as before, but the column reads a multiple, and the multiple is the ratio of two units.
-Both hypotheses predict the jump; they differ in its size. A unit predicts the ratio exactly, and an
-effect that begins predicts any size, with a Cauchy distribution around 0 (`prior`).
+Two things tell a unit from an effect that begins. A unit predicts the ratio exactly, and an effect
+any size, with a Cauchy distribution around 0 (`prior`). And a unit leaves the relative noise as it
+is, while a drive that stands, or starts, reads noise alone.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from topdress.control.diagnosis.judgement.prior import (
     calc_log_prior_odds,
 )
 from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
+from topdress.control.signals import SIGNALS
 
 Array = npt.NDArray[np.float64]
 
@@ -38,15 +40,6 @@ UNITS: dict[str, dict[str, float]] = {
     "wheel_speed_mps": _SPEEDS,
     "hopper_kg": {"lb": POUND_KG, "t": 1000.0},
 }
-# The columns' own units, by the ending of their names.
-OWN_UNITS = {
-    "rpm": "r/min",
-    "rpm_cmd": "r/min",
-    "mm": "mm",
-    "mm_cmd": "mm",
-    "mps": "m/s",
-    "kg": "kg",
-}
 # What a column is compared with: it goes in proportion, but for the machine's errors.
 REFERENCES = {
     "shaft_rpm_cmd": "shaft_rpm",
@@ -58,20 +51,25 @@ REFERENCES = {
 }
 # Share of the largest value, below which a ratio is mostly noise and dead zone.
 MIN_SHARE = 0.1
-# Rows on each side of a jump: fewer give no ratio.
+# Values with a reference before and after a jump: fewer give no median.
 MIN_ROWS = 40
 # A jump by a unit's ratio is within this of it, natural logarithm: drives move by less in a row.
 JUMP_TOLERANCE = 0.15
-# Rows at which a jump is looked at in full: those with the largest jumps.
-MAX_JUMPS = 20
 # A ratio of readings before and after is known no better than this, natural logarithm: drives and
 # loads change on the way.
 RATIO_SD = 0.02
 # Scale of the size of an effect that begins, natural logarithm: the widest prior of the catalogue
 # for a gain, 10 %.
 EFFECT_SCALE = 0.1
+# Standard deviation of the logarithm by which the relative noise differs between two parts of a log
+# on the same machine: a factor of two, for manoeuvres differ.
+NOISE_RATIO_SD = np.log(2.0)
+# The same where the two parts differ as rounding and noise alone do: a factor of 20.
+OTHER_NOISE_RATIO_SD = np.log(20.0)
 # Rows over which the scale's loss is summed for a ratio to the metered volume.
 LOSS_ROWS = 200
+# Sums of that length before and after a jump: 40 s of work at ten rows a second.
+MIN_LOSSES = 2
 
 
 class UnitChange(NamedTuple):
@@ -111,32 +109,58 @@ def restore_units(
 def find_unit_change(columns: Mapping[str, Array], name: str) -> UnitChange | None:
     """Return the most probable change of unit of a column, or None where an effect that begins is
     as probable."""
-    values = columns[name]
-    known = np.flatnonzero(np.isfinite(values) & (values != 0.0))
-    if len(known) < 2 * MIN_ROWS:
-        return None
-    jumps = np.diff(np.log(np.abs(values[known])))
-    ratios = _calc_own_ratio(columns, name)
-    if ratios is None:
-        return None
+    rows, ratios = _calc_own_ratio(columns, name)
+    least = MIN_LOSSES if name == "hopper_kg" else MIN_ROWS
     best: UnitChange | None = None
     for unit, size in UNITS[name].items():
-        own = OWN_UNITS[name.split("_", name.startswith("wheel") + 1)[-1]]
+        own = SIGNALS[name].unit
         for factor, units in ((1.0 / size, (own, unit)), (size, (unit, own))):
-            near = np.flatnonzero(np.abs(jumps - np.log(factor)) < JUMP_TOLERANCE)
-            for at in near[np.argsort(np.abs(jumps[near] - np.log(factor)))][:MAX_JUMPS]:
-                row = int(known[at + 1])
-                log_odds = _calc_log_odds(*ratios, row, float(np.log(factor)), len(UNITS[name]))
-                if log_odds > (MIN_REPORT_LOG_ODDS if best is None else best.log_odds):
-                    best = UnitChange(name, row, units, factor, log_odds)
+            log_factor = float(np.log(factor))
+            jumps = _list_jump_rows(columns[name], log_factor)
+            places = np.searchsorted(rows, jumps)
+            inside = (places >= least) & (places <= len(rows) - least)
+            if not inside.any():
+                continue
+            jumps, places = jumps[inside], places[inside]
+            deviations = _calc_deviations(ratios, log_factor)
+            likeliest = int(np.argmin(deviations[places]))
+            at, row = places[likeliest], int(jumps[likeliest])
+            log_odds = _calc_log_odds(
+                ratios[:at],
+                ratios[at:],
+                log_factor,
+                # A jump elsewhere than where the ratio changes is one of the readings' noise.
+                apart=float(deviations[at] - deviations.min()),
+                least=least,
+                units=len(UNITS[name]),
+            )
+            if log_odds > (best.log_odds if best else MIN_REPORT_LOG_ODDS):
+                best = UnitChange(name, row, units, factor, log_odds)
     return best
 
 
-def _calc_own_ratio(
-    columns: Mapping[str, Array], name: str
-) -> tuple[npt.NDArray[np.int64], Array] | None:
+def _list_jump_rows(values: Array, log_factor: float) -> npt.NDArray[np.int64]:
+    """Return the rows at which the values (n,) jump by a factor: the column itself does, not the
+    one that it is compared with."""
+    known = np.flatnonzero(np.isfinite(values) & (values != 0.0))
+    off = np.abs(np.diff(np.log(np.abs(values[known]))) - log_factor)
+    return known[1:][off < JUMP_TOLERANCE]
+
+
+def _calc_deviations(ratios: Array, log_factor: float) -> Array:
+    """Return the sum of absolute deviations of ratios (k,) that are larger by a factor from each
+    place on (k + 1,). The median of all is that of the longer part."""
+    found = []
+    for level in (0.0, log_factor):
+        off = ratios - np.median(ratios) + level
+        moved = np.abs(off - log_factor)
+        found.append(np.concatenate(([0.0], np.cumsum(np.abs(off) - moved))) + float(np.sum(moved)))
+    return np.minimum(*found)
+
+
+def _calc_own_ratio(columns: Mapping[str, Array], name: str) -> tuple[npt.NDArray[np.int64], Array]:
     """Return rows (k,) and the logarithm of a column over its reference there (k,); for a scale,
-    of its loss over the metered volume. None where the log has no reference."""
+    of its loss over the metered volume."""
     if name == "hopper_kg":
         metered = np.abs(columns["shaft_rpm"] * columns["opening_mm"])
         kept = np.flatnonzero(np.isfinite(metered) & np.isfinite(columns[name]))
@@ -144,30 +168,46 @@ def _calc_own_ratio(
         loss = columns[name][pieces[:, 0]] - columns[name][pieces[:, -1]]
         volume = metered[pieces].sum(axis=1)
         good = (loss > 0.0) & (volume > 0.0)
-        if good.sum() < 2:
-            return None
         return pieces[good, 0], np.log(loss[good] / volume[good])
     values, reference = np.abs(columns[name]), np.abs(columns[REFERENCES[name]])
-    # Each row is compared with the largest value nearby: after a change of unit all are small.
-    good = (reference > MIN_SHARE * np.nanmax(reference, initial=0.0)) & (values > 0.0)
-    if good.sum() < 2 * MIN_ROWS:
-        return None
-    rows = np.flatnonzero(good)
+    rows = np.flatnonzero(
+        (reference > MIN_SHARE * np.nanmax(reference, initial=0.0)) & (values > 0.0)
+    )
     return rows, np.log(values[rows] / reference[rows])
 
 
 def _calc_log_odds(
-    rows: npt.NDArray[np.int64], ratio: Array, row: int, log_factor: float, units: int
+    before: Array, after: Array, log_factor: float, *, apart: float, least: int, units: int
 ) -> float:
-    """Return the log posterior odds of a change of unit at a row against an effect that begins
-    there: by the change of the median ratio."""
-    before, after = ratio[rows < row], ratio[rows >= row]
-    if min(len(before), len(after)) < 2:
-        return -np.inf
+    """Return the log posterior odds of a change of unit against an effect that begins.
+
+    Parameters
+    ----------
+    before, after : logarithms of the column over its reference (k,), in the rows before and after.
+    log_factor : logarithm of the ratio of the two units.
+    apart : sum of absolute deviations over that of the place that fits best.
+    least : number of values that are worth an independent one: neighbouring rows are correlated.
+    units : number of units that the column may have.
+    """
     change = float(np.median(after) - np.median(before))
-    noise = ROBUST_SD * float(np.median(np.abs(after - np.median(after))))
-    sd = float(np.hypot(RATIO_SD, noise / np.sqrt(min(len(before), len(after)) / 2.0)))
-    by_unit = -0.5 * ((change - log_factor) / sd) ** 2 - np.log(np.sqrt(2.0 * np.pi) * sd)
+    noise = [
+        float(np.hypot(RATIO_SD, ROBUST_SD * np.median(np.abs(side - np.median(side)))))
+        for side in (before, after)
+    ]
+    counts = [len(side) / least for side in (before, after)]
+    of_medians = np.hypot(noise[0] / counts[0] ** 0.5, noise[1] / counts[1] ** 0.5)
+    sd = float(np.hypot(RATIO_SD, of_medians))
+    by_unit = _calc_log_normal(change - log_factor, sd)
     by_effect = np.log(EFFECT_SCALE / (np.pi * (EFFECT_SCALE**2 + change**2)))
+    noise_ratio = float(np.log(noise[1] / noise[0]))
+    same = _calc_log_normal(noise_ratio, NOISE_RATIO_SD)
+    other = _calc_log_normal(noise_ratio, OTHER_NOISE_RATIO_SD)
+    # Laplace's distribution: the log-likelihood is the sum of absolute deviations over their scale.
+    place = -apart / (max(noise) * least)
     prior = np.log(WRONG_UNIT_PROB / (2.0 * units)) - calc_log_prior_odds("begins", 1)
-    return float(prior + by_unit - by_effect)
+    return float(prior + by_unit - by_effect + same - other + place)
+
+
+def _calc_log_normal(value: float, sd: float) -> float:
+    """Return the log density of a normal variable around 0."""
+    return float(-0.5 * (value / sd) ** 2 - np.log(np.sqrt(2.0 * np.pi) * sd))
