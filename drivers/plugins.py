@@ -13,10 +13,13 @@ Any failure there is a `PluginFault`.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
 Group = Literal["devices", "formats", "effects"]
@@ -53,6 +56,13 @@ class Plugin(NamedTuple):
     name: str
     is_a: str
     values: Mapping[str, Any]
+
+
+def list_declared(package: ModuleType, name: str) -> list[Any]:
+    """Returns what the modules of a package declare under a name: the built-in ones."""
+    modules = [one.name for one in pkgutil.iter_modules(package.__path__)]
+    found = (import_module(f"{package.__name__}.{module}") for module in modules)
+    return [getattr(module, name) for module in found if hasattr(module, name)]
 
 
 @cache

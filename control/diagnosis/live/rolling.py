@@ -292,10 +292,10 @@ def _bin_piece(
     """Return the bins of some rows between two times of the log."""
     begin_s = float(np.asarray(columns["time_s"])[0])
 
-    def ordered(log: CleanLog, _: Machine) -> CleanLog:
+    def move_columns(log: CleanLog, _: Machine) -> CleanLog:
         return shift_log_columns(log, move)
 
-    _, data, _ = prepare_log(columns, machine, ordered)
+    _, data, _ = prepare_log(columns, machine, move_columns)
     seen = make_channels(data, machine)
     found: dict[str, dict[str, BinnedChannel]] = {}
     for group, names in CHANNEL_GROUPS.items():

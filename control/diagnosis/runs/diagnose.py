@@ -310,7 +310,9 @@ def _keep_sound_results(
     """Return the groups and the directly detected effects whose results are finite; a finding
     reports each that is left out."""
 
-    def holds(what: str, some: list[GroupResult], seen: tuple[DirectDetection, ...]) -> bool:
+    def is_reportable(
+        what: str, some: list[GroupResult], seen: tuple[DirectDetection, ...]
+    ) -> bool:
         reported = attempt_step(
             what, lambda: make_report(data, machine, some, seen, "", ()), findings
         )
@@ -321,8 +323,12 @@ def _keep_sound_results(
         return reported is not None and has_finite_numbers(reported)
 
     return (
-        [one for one in groups if holds(join_channel_names(one.search.model.names), [one], ())],
-        tuple(one for one in read_off if holds(one.part.id, [], (one,))),
+        [
+            one
+            for one in groups
+            if is_reportable(join_channel_names(one.search.model.names), [one], ())
+        ],
+        tuple(one for one in read_off if is_reportable(one.part.id, [], (one,))),
     )
 
 

@@ -200,7 +200,7 @@ def _settle_drives(
 def _climb_dead_time(
     seen: Mapping[str, ChannelSeries], drive: str, machine: Machine
 ) -> FittedDeadTime:
-    def off(by_sd: float) -> FittedDeadTime:
+    def fit_dead_time(by_sd: float) -> FittedDeadTime:
         dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
         plan = make_schedule(
             list_stages(machine).replace_fields(drive, dead_time_s=max(0.0, dead_time_s)), ()
@@ -209,12 +209,12 @@ def _climb_dead_time(
             np.square(_calc_order_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd
         )
 
-    first = off(0.0)
+    first = fit_dead_time(0.0)
     return climb_to_best(
         first,
         lambda one: _calc_likelihood_gain(first.squares, one.squares) - one.cost,
         lambda one, step: [
-            off(by_sd)
+            fit_dead_time(by_sd)
             for by_sd in (one.by_sd - step, one.by_sd + step)
             if abs(by_sd) <= MAX_OFFSET_SD
         ],

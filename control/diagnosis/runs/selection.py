@@ -118,7 +118,7 @@ class Alternatives(NamedTuple):
     rivals: tuple[RivalEffect, ...] = ()
     unknown: float = -np.inf
 
-    def limit(self, probability: float) -> Alternatives:
+    def limit_probability(self, probability: float) -> Alternatives:
         """Return the alternatives with the effect against none no more probable than this."""
         return self._replace(worth=min(self.worth, float(logit(probability))))
 
@@ -663,7 +663,9 @@ def _sum_odds(
         worth = float(logsumexp(weights[has[:, k]]) - logsumexp(weights[~has[:, k]]))
         place = place._replace(worth=worth)
         if not CATALOGUE[part.id].effect.onset_only and part.id not in absorbed:
-            place = place.limit(calc_size_confidence(part.size, calc_total_sd(part, sd, machine)))
+            place = place.limit_probability(
+                calc_size_confidence(part.size, calc_total_sd(part, sd, machine))
+            )
         places.append(place)
     return tuple(places)
 

@@ -110,13 +110,17 @@ def find_unit_change(columns: Mapping[str, Array], name: str) -> UnitChange | No
     """Return the most probable change of unit of a column, or None where an effect that begins is
     as probable."""
     rows, ratios = _calc_own_ratio(columns, name)
+    values = columns[name]
+    # The column itself jumps, not the one that it is compared with.
+    known = np.flatnonzero(np.isfinite(values) & (values != 0.0))
+    steps = np.diff(np.log(np.abs(values[known])))
     least = MIN_LOSSES if name == "hopper_kg" else MIN_ROWS
     best: UnitChange | None = None
     for unit, size in UNITS[name].items():
         own = SIGNALS[name].unit
         for factor, units in ((1.0 / size, (own, unit)), (size, (unit, own))):
             log_factor = float(np.log(factor))
-            jumps = _list_jump_rows(columns[name], log_factor)
+            jumps = known[1:][np.abs(steps - log_factor) < JUMP_TOLERANCE]
             places = np.searchsorted(rows, jumps)
             inside = (places >= least) & (places <= len(rows) - least)
             if not inside.any():
@@ -137,14 +141,6 @@ def find_unit_change(columns: Mapping[str, Array], name: str) -> UnitChange | No
             if log_odds > (best.log_odds if best else MIN_REPORT_LOG_ODDS):
                 best = UnitChange(name, row, units, factor, log_odds)
     return best
-
-
-def _list_jump_rows(values: Array, log_factor: float) -> npt.NDArray[np.int64]:
-    """Return the rows at which the values (n,) jump by a factor: the column itself does, not the
-    one that it is compared with."""
-    known = np.flatnonzero(np.isfinite(values) & (values != 0.0))
-    off = np.abs(np.diff(np.log(np.abs(values[known]))) - log_factor)
-    return known[1:][off < JUMP_TOLERANCE]
 
 
 def _calc_deviations(ratios: Array, log_factor: float) -> Array:

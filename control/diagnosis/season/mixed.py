@@ -881,7 +881,7 @@ def _list_alternatives(
     )
     last = np.flatnonzero(np.any(cause.columns != 0.0, axis=1))[-1]
 
-    def gains(information: Array, score: Array, shared: Array, sd: Array) -> SizePosterior:
+    def fit_sizes(information: Array, score: Array, shared: Array, sd: Array) -> SizePosterior:
         pull = shared @ precision
         return ColumnProducts(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(
             sd
@@ -892,7 +892,7 @@ def _list_alternatives(
         shared = np.array(
             [_calc_shared_covariance(seen, k, np.array([cause.row]), here) for k in effects]
         )
-        sizes = gains(
+        sizes = fit_sizes(
             seen.information[cause.row, effects][:, None, None],
             seen.score[cause.row, effects][:, None],
             shared,
@@ -907,7 +907,7 @@ def _list_alternatives(
             np.diagonal(own.likely.A[at], axis1=1, axis2=2)[:, effects],
             cause.columns,
         ) - crossed @ own.cov @ crossed.swapaxes(1, 2)
-        sizes = gains(
+        sizes = fit_sizes(
             information,
             own.left[at][:, effects].T @ cause.columns,
             crossed @ own.cov[:, terms],
@@ -937,7 +937,7 @@ def _list_alternatives(
                 crossed[:, : len(own.own)] @ fit.cov[:, terms]
                 - _calc_shared_covariance(seen, k, asked, own.place) @ (across @ fit.cov[:, terms])
             )[:, None]
-        fits = gains(
+        fits = fit_sizes(
             seen.information[asked, k][:, None, None],
             seen.score[asked, k][:, None],
             shared,

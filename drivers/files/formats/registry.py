@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import pkgutil
 from functools import cache
-from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 from topdress.drivers.files import formats
 from topdress.drivers.files.formats.file_format import FileFormat, defer
-from topdress.drivers.plugins import has_format_plugin
+from topdress.drivers.plugins import has_format_plugin, list_declared
 
 # Reads files by the plug-in that has their suffix.
 PLUGIN_FORMAT = FileFormat(
@@ -26,9 +25,7 @@ PLUGIN_FORMAT = FileFormat(
 @cache
 def list_formats() -> tuple[FileFormat, ...]:
     """Returns the built-in formats in the order of lists."""
-    names = [one.name for one in pkgutil.iter_modules(formats.__path__)]
-    modules = (import_module(f"{formats.__name__}.{name}") for name in names)
-    found = [one for module in modules for one in getattr(module, "FORMATS", ())]
+    found = chain.from_iterable(list_declared(formats, "FORMATS"))
     return tuple(sorted(found, key=lambda one: one.rank))
 
 
