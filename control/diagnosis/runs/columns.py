@@ -28,10 +28,10 @@ from topdress.control.machine.terms import name_own_command
 from .channels import ChannelSeries
 from .hypothesis import EffectInstance, Hypothesis, make_schedule
 from .model import (
-    HALT_S,
     GroupModel,
     apply_course,
     calc_part_course,
+    find_halt_half_width,
     find_replaced_nominals,
     find_stamp_sd_s,
     is_cumulative,
@@ -347,19 +347,19 @@ class HypothesisColumns:
         """Return the column of the unknown position at which a gate stuck within a move.
 
         The gate stands anywhere on its way between two rows. The first seconds after a halt are not
-        judged (HALT_S).
+        judged.
         """
         model, home = (
             self.model,
             EFFECT_ROWS[effects.GATE_HOME_ERROR.id].scale_to_machine(self.model.machine),
         )
         assert home.probe is not None
-        off = self.make_candidate_column(
-            parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S)
-        )
+        channel = model.find_channel("gate")
+        halted_s = (stuck.onset_s or 0.0) + find_halt_half_width(channel)
+        off = self.make_candidate_column(parts, EffectInstance(home.id, home.probe, halted_s))
         return off._replace(
             label=ColumnLabel(ColumnRole.READING),
-            sd=model.machine.gate.slew_mm_s * model.find_channel("gate").grid.step_s,
+            sd=model.machine.gate.slew_mm_s * channel.grid.step_s,
         )
 
     def _make_packing_column(self, parts: Hypothesis) -> Column:

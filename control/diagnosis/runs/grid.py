@@ -79,7 +79,8 @@ def make_grid(
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=MAX_STEP_ERROR * step_s))
-    there = np.interp(even, inner, time[rows])
+    # An even log keeps the times of its rows: a rounding error would move an onset by a row.
+    there = time[rows] if as_is else np.interp(even, inner, time[rows])
     return Grid(inner, rows, even, there, step_s, as_is)
 
 

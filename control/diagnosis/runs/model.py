@@ -178,6 +178,12 @@ def apply_course(change: Array, weight: Array, copies: int, summed: bool) -> Arr
     return np.asarray(shaped.reshape(*shaped.shape[:-2], -1))
 
 
+def find_halt_half_width(channel: ChannelSeries) -> float:
+    """Return the time before and after a halt that is not judged, s. It ends between two rows,
+    because at a row a rounding error would decide whether the row counts."""
+    return HALT_S - 0.5 * channel.grid.step_s
+
+
 class GroupModel:
     """Model of channels that share effects, under any hypothesis.
 
@@ -294,10 +300,9 @@ class GroupModel:
         for part in parts:
             if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
                 channel = self.find_channel(EFFECT_ROWS[part.id].stage)
-                after_s = channel.grid.even_s - part.onset_s
-                left[channel.name] = np.where(
-                    (after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name]
-                )
+                even_s, half_s = channel.grid.even_s, find_halt_half_width(channel)
+                halts = np.abs(even_s - part.onset_s) < half_s
+                left[channel.name] = np.where(halts, 0.0, left[channel.name])
         return left
 
     def calc_banded_residual(self, parts: Hypothesis) -> dict[str, Array]:

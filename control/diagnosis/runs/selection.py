@@ -683,7 +683,7 @@ def _list_alternatives(
 ) -> list[EffectInstance]:
     """Return the alternatives to an effect: steady effects, effects with their own time course, and
     other time courses of the effect itself."""
-    scanned = board.scan_residual(alone)
+    scanned = [*board.scan_residual(alone)]
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _propose_beginnings(board, alone)
     others = [
