@@ -23,8 +23,10 @@ def index() -> dict[str, str]:
         runs = any(
             isinstance(node, ast.If) and "__name__" in ast.unparse(node.test) for node in tree.body
         )
-        if runs and path.stem != "__main__":
-            name = path.relative_to(HERE).with_suffix("").as_posix()
+        # A folder with a program of its own has its name.
+        place = path.parent if path.stem == "__main__" else path
+        if runs and place != HERE:
+            name = place.relative_to(HERE).with_suffix("").as_posix()
             found[name] = (ast.get_docstring(tree) or "").split("\n")[0].split(": `")[0].rstrip(".")
     return found
 
@@ -38,10 +40,11 @@ def main(words: list[str]) -> int:
     if words[0] not in known:
         print(f"{words[0]}: no such benchmark; allowed: {', '.join(known)}", file=sys.stderr)
         return 2
-    path = HERE / f"{words[0]}.py"
+    folder = HERE / words[0] / "__main__.py"
+    path = folder if folder.exists() else HERE / f"{words[0]}.py"
     sys.argv = [str(path), *words[1:]]
     # as `python benchmarks/NAME.py` has it: for what they share
-    sys.path.insert(0, str(path.parent))
+    sys.path.insert(0, str(HERE if path == folder else path.parent))
     runpy.run_path(str(path), run_name="__main__")
     return 0
 

@@ -35,9 +35,10 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.plant import Plant
 from topdress.drivers import day_clock
-from topdress.drivers.cab import BoardConfig, Cab, CabConfig
+from topdress.drivers.cab import BoardConfig, Cab, CabConfig, PortOpener
 from topdress.drivers.cab_config import MODULE_TIMEOUT_S
 from topdress.drivers.cab_line import DeviceLine
+from topdress.drivers.datagrams import open_line
 from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.board_frames import BOARD_STOP_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
@@ -45,7 +46,7 @@ from topdress.drivers.files.config import ConfigError, LoadedConfig
 from topdress.drivers.files.kinds import CAB_KIND, MACHINE_KIND
 from topdress.drivers.files.prescriptions.job_targets import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
-from topdress.drivers.files.run_meta import make_run_meta
+from topdress.drivers.files.run_meta import RunMeta, make_run_meta
 from topdress.drivers.files.setup import (
     Setup,
     build_setup,
@@ -113,7 +114,12 @@ class SimulatedBench:
 MAX_PLANT_STEP_S = 0.02
 
 
-def assemble_run(options: Options, clock: Clock) -> Assembly:
+def assemble_run(
+    options: Options,
+    clock: Clock,
+    open_log: Callable[[Path, RunMeta], RunLogWriter] = RunLogWriter,
+    open_port: PortOpener = open_line,
+) -> Assembly:
     """Build bench, loop and log writer; without a cab file the machine is simulated.
 
     Parameters
@@ -122,6 +128,10 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         Options of the command line.
     clock
         Returns the run time, s.
+    open_log
+        Creates the log; a simulation gives a writer without a thread.
+    open_port
+        Opens the lines of the cab file.
 
     Raises
     ------
@@ -170,7 +180,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
             # A rate module without a gate drive meters by the shaft alone.
             machine = fix_gate_opening(machine, devices.rate_module.fixed_opening_mm)
-        bench = Cab(devices, clock)
+        bench = Cab(devices, clock, open_port)
     now_utc = now.isoformat(timespec="milliseconds")
     rule = make_rule(setup.crop, job, setup.rule.days)
     loop = make_control_loop(
@@ -194,7 +204,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         | ({} if before.job is None else {"resumes": before.job.log_path}),
     )
     # The log is opened last: an earlier failure must not leave an empty log.
-    writer = RunLogWriter(log, meta)
+    writer = open_log(log, meta)
     names = RunNames(
         job.title or job.id,
         machine.title or machine.id,

@@ -22,6 +22,13 @@ from topdress.drivers.ports import Clock, Port, open_port
 # A device must not be disconnected while the machine needs it.
 DEVICE_BUSY_STATES = (State.WORKING, State.CALIBRATING)
 PortOpener = Callable[[str, int, Clock], Port]
+# Runs named work outside of the loop.
+RunAside = Callable[[Callable[[], None], str], None]
+
+
+def run_in_thread(do: Callable[[], None], name: str) -> None:
+    """Run work in a thread, which does not prevent the end of the worker."""
+    threading.Thread(target=do, name=name, daemon=True).start()
 
 
 class DeviceService:
@@ -35,7 +42,9 @@ class DeviceService:
         files: SideFiles,
         opener: PortOpener = open_port,
         capture_bytes: int = MAX_CAPTURE_BYTES,
+        run_aside: RunAside = run_in_thread,
     ) -> None:
+        self._run_aside = run_aside
         self._bench, self._files, self._opener, self._capture_bytes = (
             bench,
             files,
@@ -105,7 +114,7 @@ class DeviceService:
             return Answer(False, f"device_disconnected;device={line.name}")
         running = self._tests.get(line.name)
         if running is None or not running.result.running:
-            self._tests[line.name] = _LineTest(line, now_s, self._opener)
+            self._tests[line.name] = _LineTest(line, now_s, self._opener, self._run_aside)
         return Answer(True)
 
     def _begin_capture(self, line: DeviceLine) -> Answer:
@@ -163,8 +172,11 @@ class _LineTest:
     off for these seconds, so they are omitted while the machine works.
     """
 
-    def __init__(self, line: DeviceLine, now_s: float, opener: PortOpener) -> None:
+    def __init__(
+        self, line: DeviceLine, now_s: float, opener: PortOpener, run_aside: RunAside
+    ) -> None:
         self.result = DeviceTest(True)
+        self._run_aside = run_aside
         self._line, self._opener = line, opener
         self._until_s = now_s + LISTEN_TEST_DURATION_S
         self._heard: list[bytes] = []
@@ -177,13 +189,8 @@ class _LineTest:
             return
         self._listening = False
         self._line.remove_tap(self._collect_bytes)
-        threading.Thread(
-            # A daemon thread does not prevent the end of the worker.
-            target=self._recognise_bytes,
-            args=(not busy and self._line.baud is not None,),
-            name=f"test of {self._line.name}",
-            daemon=True,
-        ).start()
+        other_rates = not busy and self._line.baud is not None
+        self._run_aside(lambda: self._recognise_bytes(other_rates), f"test of {self._line.name}")
 
     def _collect_bytes(self, now_s: float, direction: Direction, data: bytes) -> None:
         """Collect received bytes."""

@@ -186,7 +186,14 @@ class LinkServer(threading.Thread):
     """Serves the clients of one host. `close_link` sends what is queued, then disconnects
     everybody."""
 
-    def __init__(self, host: Host, token: str, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        host: Host,
+        token: str,
+        clock: Callable[[], float] = time.monotonic,
+        listener: socket.socket | None = None,
+        selector: Callable[[], selectors.BaseSelector] = selectors.DefaultSelector,
+    ) -> None:
         super().__init__(name="link", daemon=True)
         # Counts of malformed, oversized, unauthorised and busy requests, dropped frames and more.
         self.counts: Counter[str] = Counter()
@@ -195,14 +202,14 @@ class LinkServer(threading.Thread):
         self._clock = clock
         # Loopback only: no other computer can reach the worker. Port 0 lets the system choose a
         # free port.
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=MAX_NEW_CLIENTS)
+        self._listener = listener or socket.create_server(("127.0.0.1", 0), backlog=MAX_NEW_CLIENTS)
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
         # Sockets of clients that have shown the token.
-        self._authorised_selector = selectors.DefaultSelector()
+        self._authorised_selector = selector()
         # The listening socket, and sockets of all other clients.
-        self._unauthorised_selector = selectors.DefaultSelector()
+        self._unauthorised_selector = selector()
         self._unauthorised_selector.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
@@ -220,17 +227,27 @@ class LinkServer(threading.Thread):
         while not last:
             # The last round still sends what was queued before `close_link`.
             last = self._closing.is_set()
-            self._hear_authorised(self._wait_for_authorised())
-            self._send_answers_and_frame()
-            if self._clock() >= self._strangers_due_s:
-                self._hear_unauthorised()
-                self._strangers_due_s = self._clock() + UNAUTHORISED_TURN_PERIOD_S
-            self._remove_gone_clients()
+            self.serve_turn(self._wait_for_authorised())
         for client in self._clients:
             client.connection.close()
         self._authorised_selector.close()
         self._unauthorised_selector.close()
         self._listener.close()
+
+    def serve_turn(self, said: SelectorEvents) -> None:
+        """Serve each client once without waiting.
+
+        Parameters
+        ----------
+        said
+            Events of clients with the token.
+        """
+        self._hear_authorised(said)
+        self._send_answers_and_frame()
+        if self._clock() >= self._strangers_due_s:
+            self._hear_unauthorised()
+            self._strangers_due_s = self._clock() + UNAUTHORISED_TURN_PERIOD_S
+        self._remove_gone_clients()
 
     def close_link(self, timeout_s: float = 1.0) -> None:
         """Send what is queued and end the thread within `timeout_s`."""

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from topdress.console.attached import MAX_LATEST_ORDERS, AttachedConsole, ExecutedOrder, read_orders
 from topdress.console.frame import DeviceView, Frame
-from topdress.console.worker.device_service import DeviceService
+from topdress.console.worker.device_service import DeviceService, RunAside, run_in_thread
 from topdress.console.worker.lag_bench import LagBench
 from topdress.console.worker.limits import (
     DEFAULT_TICK_HZ,
@@ -182,6 +182,10 @@ class Host:
         Ticks per second.
     orphan_s
         Longest time without an operating console, s.
+    run_aside
+        Runs slow work outside of the loop; a simulation runs it at once.
+    files
+        Writes captures and lag tables; a simulation gives files without a thread.
     """
 
     def __init__(
@@ -192,6 +196,8 @@ class Host:
         *,
         hz: float = DEFAULT_TICK_HZ,
         orphan_s: float = ORPHAN_TIMEOUT_S,
+        run_aside: RunAside = run_in_thread,
+        files: SideFiles | None = None,
     ) -> None:
         self.newest: Frame | None = None
         # Attached consoles, as the link reports them.
@@ -216,8 +222,10 @@ class Host:
         self._ticks = 0
         # State at the newest tick.
         self._state: str | None = None
-        self._files = SideFiles()
-        self._device_service = DeviceService(self._bench, self._run_names.log_path, self._files)
+        self._files = files or SideFiles()
+        self._device_service = DeviceService(
+            self._bench, self._run_names.log_path, self._files, run_aside=run_aside
+        )
         self.lag = LagBench(self._bench, self._loop, self._files)
         self._lag_tests = 0
         self._devices: tuple[DeviceView, ...] = ()

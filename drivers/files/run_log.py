@@ -157,9 +157,11 @@ class RunLogWriter:
         flush_s: float = FLUSH_PERIOD_S,
         sync_s: float = SYNC_PERIOD_S,
         max_waiting_rows: int = MAX_WAITING_ROWS,
+        threaded: bool = True,
     ) -> None:
         """Creates the files in the caller's thread, before the loop starts. The other thread syncs
-        them first, so that a slow disk delays no start. Never raises OSError.
+        them first, so that a slow disk delays no start. Never raises OSError. Without a thread
+        (`threaded` False, for simulated time) the caller calls `write_round`.
 
         `after_writing` may be set later. The log's thread calls it after each round of writing,
         with True for the last round; it must not raise.
@@ -194,7 +196,9 @@ class RunLogWriter:
         self._open(kept=False)
         # A daemon thread cannot keep a crashed worker alive.
         self._thread = threading.Thread(target=self._run_writing, name="run-log", daemon=True)
-        self._thread.start()
+        self._threaded = threaded
+        if threaded:
+            self._thread.start()
 
     @property
     def path(self) -> Path:
@@ -229,7 +233,10 @@ class RunLogWriter:
         """Writes the waiting rows and ends the thread; returns whether every row is on the disk.
         Gives up after `timeout_s`."""
         self._closing.set()
-        self._thread.join(timeout_s)
+        if self._threaded:
+            self._thread.join(timeout_s)
+        else:
+            self.write_round(True)
         return (
             not self._thread.is_alive()
             and self._file is not None
@@ -242,13 +249,16 @@ class RunLogWriter:
         while not closing:
             # The wait ends at once when the log is closed.
             closing = self._closing.wait(self._flush_s)
-            self._format_waiting_rows()
-            self._write_waiting_rows(closing)
-            if self.after_writing is not None:
-                # Other files of the job are written in the same thread, so that they share its
-                # disk.
-                self.after_writing(closing)
-        if self._file is not None:
+            self.write_round(closing)
+
+    def write_round(self, closing: bool) -> None:
+        """Writes the waiting rows, and calls `after_writing`; the last round closes the file."""
+        self._format_waiting_rows()
+        self._write_waiting_rows(closing)
+        if self.after_writing is not None:
+            # Other files of the job are written in the same thread, so that they share its disk.
+            self.after_writing(closing)
+        if closing and self._file is not None:
             self._file.close()
 
     def _format_waiting_rows(self) -> None:

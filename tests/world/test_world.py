@@ -1,0 +1,46 @@
+"""The simulated world: one seed is one run, and each day that once broke a promise holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from world.plan import Day, Event, draw_day
+from world.run import run_day
+
+FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
+# Days of the quick set: a board that restarts, a power cut, a faulty disk, lies, strangers.
+SEEDS = (1, 6)
+
+
+def test_one_seed_is_one_run_to_the_last_byte() -> None:
+    first, again = (run_day(draw_day(SEEDS[0])) for _ in range(2))
+    assert first.broken == "" and first.parts > 1
+    assert first.digests == again.digests
+
+
+@pytest.mark.parametrize("seed", SEEDS[1:])
+def test_a_day_holds(seed: int) -> None:
+    assert run_day(draw_day(seed)).broken == ""
+
+
+@pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
+def test_a_day_that_once_broke_a_promise_holds(path: Path) -> None:
+    assert run_day(Day.from_json(path.read_text(encoding="utf-8"))).broken == ""
+
+
+@pytest.mark.exam
+@pytest.mark.parametrize("seed", range(200, 320))
+def test_many_days_hold(seed: int) -> None:
+    """Some ten minutes of a processor."""
+    assert run_day(draw_day(seed)).broken == ""
+
+
+def test_a_day_is_read_as_it_was_written() -> None:
+    day = draw_day(3, ("lie:wheel_times", "farm:sections"))
+    assert Day.from_json(day.to_json()) == day
+    assert day.farm == "sections" and any(one.kind == "lie" for one in day.events)
+
+
+def test_events_after_the_end_of_all_faults_are_left_out() -> None:
+    assert all(isinstance(one, Event) and one.at_s < 130.0 for one in draw_day(5).events)
