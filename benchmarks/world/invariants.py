@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from topdress.console.frame import Frame
-from topdress.control.orders import Do, State
+from topdress.control.orders import Do, Severity, State
 from topdress.control.readings import DriveCommand
 
 # Time from the end of a permission until nothing flows, s: an orphaned board stops after 1 s, and a
@@ -20,6 +20,10 @@ NO_FLOW_KG_S = 2e-3
 STOP_S = 0.5
 # Time after which a silent console ends flow, s.
 CONSOLE_SILENCE_S = 2.0
+# Time after which a silent console means off, s.
+CONSOLE_GONE_S = 60.0
+# Distance outside the field within which material may still land inside, m.
+OUTSIDE_M = 4.0
 # Time until a drive that turns although it should stand is reported, s, by the table of hazards.
 DISOBEYS_S = 2.0
 # Time within which the operator's three keys bring the machine back to work, s.
@@ -121,6 +125,9 @@ class Moment(NamedTuple):
     calm: bool
     # Seconds since the last lie or line fault, or inf.
     sound_s: float
+    log_ok: bool
+    # Distance of the outlets outside the field, m; negative inside.
+    outside_m: float
 
 
 class Promises:
@@ -131,8 +138,10 @@ class Promises:
         self._turns_since_s: float | None = None
         self._kg = self._ha = 0.0
         self._window: deque[tuple[float, float, float, bool]] = deque()
-        self._started_s = -math.inf
-        self.asked: dict[str, int] = {}
+        self._red: frozenset[str] = frozenset()
+        self._button_s = -math.inf
+        self._log_bad_s: float | None = None
+        self._moving_s: float | None = None
         self._kg_true0: float | None = None
         self._kg_counted0 = 0.0
 
@@ -184,6 +193,54 @@ class Promises:
             one.do == Do.START and one.accepted for one in m.orders
         ):
             raise Broken("work_needs_start", f"{m.state_before} -> {m.state}")
+
+    def start_needs_acknowledged_alarms(self, m: Moment) -> None:
+        """START and CALIBRATE are refused while a red alarm is not acknowledged."""
+        before, self._red = (
+            self._red,
+            frozenset(
+                alarm.id
+                for alarm in m.frame.alarms
+                if alarm.severity is Severity.RED and not alarm.acknowledged
+            ),
+        )
+        begins = m.state != m.state_before and m.state in (State.WORKING, State.CALIBRATING)
+        if begins and before and not any(one.do == Do.ACKNOWLEDGE for one in m.orders):
+            raise Broken("start_needs_acknowledged_alarms", f"{m.state} with {sorted(before)}")
+
+    def calibrating_needs_the_button_and_standstill(self, m: Moment) -> None:
+        """Calibrating ends 0.5 s after the button's release, and by moving."""
+        if any(one.do == Do.CALIBRATE for one in m.orders):
+            self._button_s = m.now_s
+        if m.state != State.CALIBRATING:
+            self._moving_s = None
+            return
+        if m.now_s - max(self._button_s, m.late_s) > 0.5 + 0.25:
+            raise Broken("calibrating_needs_the_button_and_standstill", "the button is up")
+        if m.true_speed_mps < 0.3 or m.sound_s < 5.0:
+            self._moving_s = None
+        elif self._moving_s is None:
+            self._moving_s = m.now_s
+        elif m.now_s - self._moving_s > 1.5:
+            raise Broken(
+                "calibrating_needs_the_button_and_standstill", f"{m.true_speed_mps:.2f} m/s"
+            )
+
+    def no_flow_without_a_log(self, m: Moment) -> None:
+        """Without a log nothing flows unless the operator allows it."""
+        if m.log_ok or m.frame.allow.unlogged:
+            self._log_bad_s = None
+            return
+        self._log_bad_s = m.now_s if self._log_bad_s is None else self._log_bad_s
+        lasts_s = m.now_s - self._log_bad_s
+        if lasts_s > 0.5 and m.state == State.WORKING and not m.frame.why_no_flow:
+            raise Broken("no_flow_without_a_log", f"flow is allowed after {lasts_s:.1f} s")
+
+    def no_flow_outside_the_field(self, m: Moment) -> None:
+        """Nothing flows outside the field, while the position tells the truth."""
+        far = m.outside_m > OUTSIDE_M and not m.frame.allow.outside and m.sound_s > 30.0
+        if far and m.flow_kg_s > NO_FLOW_KG_S and m.state == State.WORKING:
+            raise Broken("no_flow_outside_the_field", f"{m.outside_m:.1f} m outside")
 
     def stop_is_obeyed(self, m: Moment) -> None:
         """STOP is accepted and executed within 0.5 s of its key, whatever else goes on."""
@@ -244,6 +301,8 @@ class Promises:
     def silent_console_ends_flow(self, m: Moment) -> None:
         """Without a console for 2 s work is held, after 60 s off."""
         silent_s = m.now_s - max(m.heard_s, m.late_s, m.part_begin_s)
+        if silent_s > CONSOLE_GONE_S + 1.0 and m.state not in (State.OFF, State.FAULT):
+            raise Broken("silent_console_ends_flow", f"{m.state} {silent_s:.1f} s alone")
         if silent_s > CONSOLE_SILENCE_S + 0.3 and m.state == State.WORKING:
             raise Broken("silent_console_ends_flow", f"working {silent_s:.1f} s without a console")
 
@@ -311,6 +370,10 @@ PROMISES: tuple[Callable[[Promises, Moment], None], ...] = (
     Promises.flow_needs_its_state,
     Promises.states_change_as_the_table_says,
     Promises.work_needs_start,
+    Promises.start_needs_acknowledged_alarms,
+    Promises.calibrating_needs_the_button_and_standstill,
+    Promises.no_flow_without_a_log,
+    Promises.no_flow_outside_the_field,
     Promises.stop_is_obeyed,
     Promises.set_points_are_limited,
     Promises.nothing_is_raised,

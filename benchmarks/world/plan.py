@@ -13,8 +13,8 @@ from topdress.control.orders import Do
 from topdress.drivers.virtual.faults import LINE_FAULTS
 
 # Time at which every fault has ended, and time that the operator then has, s.
-FAULTS_END_S = 130.0
-RECOVERY_S = 45.0
+FAULTS_END_S = 90.0
+RECOVERY_S = 40.0
 DEVICES = ("gnss", "board", *(f"head_{n}" for n in range(1, 7)))
 # Interval of the cab's console between two keys, s.
 KEY_INTERVAL_S = 0.3
@@ -247,8 +247,14 @@ def _draw_lie(r: random.Random) -> Event:
 
 
 def _draw_cut(r: random.Random) -> Event:
-    # The seconds without power, and the disk's call at which it ends; 0 for at once.
-    return Event(_when(r, 10.0), "cut", [r.choice([0.2, 3.0, 9.0]), r.choice([0, 0, 1, 2, 3, 5])])
+    # The seconds without power, the disk's call at which it ends (0 for at once), and the seconds
+    # for which the driver then reverses.
+    away_s, calls = r.choice([0.2, 3.0, 9.0]), r.choice([0, 0, 1, 2, 3, 5])
+    return Event(_when(r, 10.0), "cut", [away_s, calls, r.choice([0.0, 0.0, 6.0, 9.0])])
+
+
+def _draw_way_back(r: random.Random) -> Event:
+    return Event(_when(r, 20.0), "drive", -1.5, r.choice([5.0, 10.0]))
 
 
 def _draw_disk(r: random.Random) -> Event:
@@ -300,6 +306,7 @@ DRAWS: dict[str, tuple[float, Callable[[random.Random], Event]]] = {
             _when(r), "drive", r.choice([0.0, 0.0, 1.2, 12.0, -2.0]), r.choice([2.0, 12.0, 25.0])
         ),
     ),
+    "drive_back": (0.3, _draw_way_back),
     "calibrate": (0.3, _draw_calibration),
     "stranger": (0.3, _draw_stranger),
     "device": (0.3, _draw_device_order),

@@ -52,6 +52,12 @@ LINK_PERIOD_S = 0.04
 CONSOLES = 6
 # Time after which an operator has started the program again, s.
 START_AGAIN_S = 0.5
+# Time that a gate which ran away needs to return to its place, s.
+SETTLES_S = 12.0
+# Speed of reversing, m/s.
+BACK_MPS = -1.5
+# Interval at which a console repeats the order of a button that is down, s.
+REPEAT_S = 0.2
 
 
 class DirectFiles(SideFiles):
@@ -114,13 +120,14 @@ class World:
         self._is_suspended = False
         self._disk_until_s, self._hangs_until_s = -math.inf, -math.inf
         self._faulty_until_s = -math.inf
-        self._held_keys: list[tuple[float, float, str, Any]] = []
+        self._held_keys: list[tuple[float, str, Any]] = []
+        self._repeat_due_s = 0.0
         self._heard_s = -math.inf
         self._orders: list[AnsweredOrder] = []
         self._state_before: str | None = None
         self._judged = 0
         self._kg_at_cut = 0.0
-        self._cut: tuple[float, int] | None = None
+        self._cut: tuple[float, int, float] | None = None
         self._farm = day.farm
         self._wants_farm = ""
         self._recovery: float | None = None
@@ -272,9 +279,15 @@ class World:
         self.trace.append(f"{self.now_s:7.2f} POWER CUT")
         self._check_log(full=False)
         self._is_same_job = not self._disk_was_struck
-        away_s, self._cut = self._cut[0], None
+        away_s, _, back_s = self._cut
+        self._cut = None
         self.machine.cut_lines()
         self._pass_time(away_s)
+        if back_s:
+            # The driver goes back to where the work ended.
+            self.machine.lying.wanted_mps = BACK_MPS
+            self._pass_time(back_s)
+            self.machine.lying.wanted_mps = None
 
     def _pass_time(self, seconds: float) -> None:
         """Lets time pass without a worker: nothing may flow after 3 s."""
@@ -322,19 +335,29 @@ class World:
             raise Broken("log_is_readable", f"{missing} rows of {self.host._ticks} missing")
 
     def _check_ground(self) -> None:
-        """No ground gets material twice beyond 2 m for each cut."""
-        if self._farm != self.day.farm or self._disk_struck_ever:
+        """No ground of an earlier part of the job gets material again, beyond 2 m for each cut.
+        (Within a part START releases the ground under the machine.)"""
+        if self._may_double or self._farm != self.day.farm or self._disk_struck_ever:
             return
         twice: dict[int, int] = {}
         usual_kg = self._usual_kg
         for parts in self.machine.ground.bins.values():
-            sizes = sorted(parts.items())
-            for (one, kg), (two, more) in itertools.pairwise(sizes):
-                if min(kg, more) > 0.5 * usual_kg and two > one:
-                    twice[two] = twice.get(two, 0) + 1
+            for (_, kg), (part, more_kg) in itertools.pairwise(sorted(parts.items())):
+                if min(kg, more_kg) > 0.5 * usual_kg:
+                    twice[part] = twice.get(part, 0) + 1
         for part, bins in twice.items():
             if bins * BIN_M > TWICE_M + 1.0:
                 raise Broken("no_ground_twice", f"{bins * BIN_M:.1f} m again in part {part}")
+
+    @property
+    def _may_double(self) -> bool:
+        """Whether an order, a lie or a fault may have let the program lose its ground."""
+        return any(
+            (event.kind == "order" and event.what[1] in ("no_double", "allow_outside"))
+            or (event.kind == "line" and event.what[0] in ("gnss", "board"))
+            or event.kind in ("lie", "clock", "raises", "restart")
+            for event in self.day.events
+        )
 
     @property
     def _disk_struck_ever(self) -> bool:
@@ -405,11 +428,11 @@ class World:
             if console.run_turn(self.now_s, not console.tablet, KEEP_ALIVE_PERIOD_S):
                 self._heard_s = self.now_s
             self._check_stops(console)
-        for held in self._held_keys:
-            _begin_s, end_s, do, value = held
-            if self.now_s <= end_s:
+        if self._held_keys and self.now_s >= self._repeat_due_s:
+            self._repeat_due_s = self.now_s + REPEAT_S
+            for _end_s, do, value in self._held_keys:
                 self._send_order(0, do, value)
-        self._held_keys = [held for held in self._held_keys if held[1] > self.now_s]
+            self._held_keys = [held for held in self._held_keys if held[0] > self.now_s]
 
     def _check_stops(self, console: SimulatedConsole) -> None:
         """Every STOP is answered within 0.5 s."""
@@ -509,11 +532,11 @@ class World:
         self._driver_until_s = self.now_s + event.lasts_s
 
     def _act_held_start(self, event: Event) -> None:
-        self._held_keys.append((self.now_s, self.now_s + event.lasts_s, "start", True))
+        self._held_keys.append((self.now_s + event.lasts_s, "start", True))
 
     def _act_calibrate(self, event: Event) -> None:
         seconds, rpm, mm = event.what
-        self._held_keys.append((self.now_s, self.now_s + event.lasts_s, "calibrate", seconds))
+        self._held_keys.append((self.now_s + event.lasts_s, "calibrate", seconds))
         for do, value in (("calibrate_shaft", rpm), ("calibrate_opening", mm)):
             if value is not None:
                 self._events.append(Event(self.now_s + 0.2, "order", [0, do, value]))
@@ -563,7 +586,8 @@ class World:
                     file.truncate(size * calls // 8)
 
     def _act_cut(self, event: Event) -> None:
-        self._cut = event.what[0], event.what[1]
+        away_s, calls, back_s = event.what
+        self._cut = away_s, calls, back_s
         self.host.close_run = lambda _why: None  # type: ignore[method-assign]
         if not self._cut[1]:
             raise PowerCut
@@ -597,7 +621,7 @@ class World:
         if self.day.calm:
             self._recovery = math.inf
             return
-        self._recovery = self.now_s + 2.0
+        self._recovery = self.now_s + SETTLES_S
         driver, consoles = self.machine.lying, self.consoles
         driver.wanted_mps = None
         consoles[0].silent_until_s = -1.0
@@ -607,9 +631,9 @@ class World:
             (0.6, "release", None),
             (0.7, "section", "all auto"),
             (0.8, "nudge", 0.0),
-            (2.0, "acknowledge", ""),
-            (2.3, "ready", None),
-            (2.6, "start", None),
+            (SETTLES_S, "acknowledge", ""),
+            (SETTLES_S + 0.3, "ready", None),
+            (SETTLES_S + 0.6, "start", None),
         ]
         for after_s, do, value in keys:
             if do == "connect":
@@ -655,6 +679,8 @@ class World:
             limits.opening_high_mm,
             self.day.calm,
             self.now_s - self._faulty_until_s,
+            self.assembly.writer.ok,
+            self._find_outside_m(),
         )
         if state != self._state_before:
             self.trace.append(
@@ -666,6 +692,19 @@ class World:
         self.promises.check_tick(moment)
         self._state_before = state
         self._check_recovery(moment)
+
+    def _find_outside_m(self) -> float:
+        """Returns how far the outlets are outside the field, m; negative inside."""
+        truth, corners = self.machine.ground.newest, self._setup.job.field.boundary_m
+        if truth is None or not corners or self._farm != self.day.farm:
+            return -math.inf
+        east, north = zip(*corners, strict=True)
+        return max(
+            min(east) - truth.east_m,
+            truth.east_m - max(east),
+            min(north) - truth.north_m,
+            truth.north_m - max(north),
+        )
 
     def _note_failed_tick(self, frame: Frame) -> None:
         """A failed tick stops the drives at once, and has no row."""

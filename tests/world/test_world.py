@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from world.plan import Day, Event, draw_day
+from world.plan import FAULTS_END_S, Day, Event, draw_day
 from world.run import run_day
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
@@ -43,4 +43,4 @@ def test_a_day_is_read_as_it_was_written() -> None:
 
 
 def test_events_after_the_end_of_all_faults_are_left_out() -> None:
-    assert all(isinstance(one, Event) and one.at_s < 130.0 for one in draw_day(5).events)
+    assert all(isinstance(one, Event) and one.at_s < FAULTS_END_S for one in draw_day(5).events)
