@@ -28,8 +28,8 @@ from topdress.drivers.virtual.machine import VirtualMachine
 
 ROOT = Path(__file__).resolve().parents[2]
 DAY = dt.date(2026, 4, 1)
-# Step of the plant, s: the plant's own default.
-PLANT_STEP_S = 0.05
+# Longest step of the plant, s: one reading of each sensor for each tick.
+PLANT_STEP_S = 0.1
 # Side of a bin of ground along the outlets' way, m.
 BIN_M = 0.5
 # Interval of the other display's sentences, s.
@@ -93,7 +93,8 @@ class Lie(NamedTuple):
 class GroundTruth:
     """Sums up by the plant what left the machine and where it landed."""
 
-    def __init__(self) -> None:
+    def __init__(self, step_s: float) -> None:
+        self._step_s = step_s
         self.kg = 0.0
         self.flow_kg_s = 0.0
         self.speed_mps = 0.0
@@ -110,7 +111,7 @@ class GroundTruth:
         self.flow_kg_s, self.speed_mps = truth.flow_kg_s, truth.speed_mps
         if truth.flow_kg_s <= 0.0:
             return
-        kg = truth.flow_kg_s * PLANT_STEP_S
+        kg = truth.flow_kg_s * self._step_s
         self.kg += kg
         if not self.tray:
             place = int((truth.driven_m + truth.speed_mps * truth.drop_s) / BIN_M)
@@ -237,11 +238,12 @@ class BoardWire(ServedLine):
 class FarmMachine:
     """Holds tractor, applicator and devices of a day. `clock` is the world's own time, s."""
 
-    def __init__(self, setup: Setup, seed: int, clock: Callable[[], float]) -> None:
+    def __init__(self, setup: Setup, seed: int, hz: float, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._random = random.Random(seed + 99)
-        self.ground = GroundTruth()
-        plant = make_plant(setup.machine, setup.job, seed, PLANT_STEP_S)
+        step_s = min(PLANT_STEP_S, 1.0 / hz)
+        self.ground = GroundTruth(step_s)
+        plant = make_plant(setup.machine, setup.job, seed, step_s)
         plant._keep = self.ground.take_truth
         self.lying = LyingPlant(plant)
         self._wires = {

@@ -157,12 +157,8 @@ class Promises:
 
     def no_flow_but_where_allowed(self, m: Moment) -> None:
         """Nothing flows 3 s after flow was last allowed, whatever line, worker or console do."""
-        if not m.frame.why_no_flow or m.state == State.CALIBRATING:
+        if not m.frame.why_no_flow or m.state == State.CALIBRATING or disobeys(m.lies):
             self._allowed_s = m.now_s
-        if disobeys(m.lies) or m.sound_s < FLOW_ENDS_S:
-            self._allowed_s = max(self._allowed_s, m.now_s - (0.0 if disobeys(m.lies) else 1e9))
-            if disobeys(m.lies):
-                return
         if m.flow_kg_s > NO_FLOW_KG_S and m.now_s - self._allowed_s > FLOW_ENDS_S:
             raise Broken(
                 "no_flow_but_where_allowed",

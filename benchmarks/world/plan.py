@@ -171,7 +171,7 @@ def draw_day(seed: int, kinds: Iterable[str] = ()) -> Day:
         for kind in kinds:
             farm, simulated, more = draw_kind(r, kind, farm, simulated)
             events += more
-    return Day(seed, farm, r.choice([10.0, 10.0, 10.0, 20.0]), simulated, sort_events(events), calm)
+    return Day(seed, farm, r.choice([5.0, 10.0, 10.0, 20.0]), simulated, sort_events(events), calm)
 
 
 def draw_kind(
@@ -306,6 +306,7 @@ DRAWS: dict[str, tuple[float, Callable[[random.Random], Event]]] = {
             _when(r), "drive", r.choice([0.0, 0.0, 1.2, 12.0, -2.0]), r.choice([2.0, 12.0, 25.0])
         ),
     ),
+    "burst": (0.15, lambda r: Event(_when(r), "burst", r.choice([20, 100, 400]))),
     "drive_back": (0.3, _draw_way_back),
     "calibrate": (0.3, _draw_calibration),
     "stranger": (0.3, _draw_stranger),

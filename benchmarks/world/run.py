@@ -135,7 +135,7 @@ class World:
         self._disk_was_struck = False
         self._files = make_files(folder, self._farm, day.simulated)
         self._setup = load_farm(self._files)
-        self.machine = FarmMachine(self._setup, day.seed, lambda: self.now_s)
+        self.machine = FarmMachine(self._setup, day.seed, day.hz, lambda: self.now_s)
         self.disk = FaultyDisk(folder, day.seed, lambda: self.read_utc().timestamp())
         self.consoles = [
             SimulatedConsole(f"console {number}", TOKEN, number > 2, str(folder))
@@ -348,6 +348,31 @@ class World:
         for part, bins in twice.items():
             if bins * BIN_M > TWICE_M + 1.0:
                 raise Broken("no_ground_twice", f"{bins * BIN_M:.1f} m again in part {part}")
+        self._check_left_out(usual_kg)
+
+    def _check_left_out(self, usual_kg: float) -> None:
+        """Ground that the program calls done has its material, beyond 2 m for each part."""
+        bins, machine = self.machine.ground.bins, self.machine.lying.plant
+        coverage = self.assembly.loop._ahead.overlap.coverage
+        if not bins or self._hopper_was_empty or self._setup.machine.switched_strips:
+            return
+        empty = [
+            place
+            for place in range(min(bins), max(bins))
+            if sum(bins.get(place, {}).values()) < 0.05 * usual_kg
+        ]
+        poses = [machine._path.find_pose(BIN_M * (place + 0.5)) for place in empty]
+        done = (
+            coverage.find_covered([(pose.east_m, pose.north_m) for pose in poses]) if poses else ()
+        )
+        left_m = BIN_M * sum(map(bool, done))
+        if left_m > TWICE_M * self.parts + 1.0:
+            raise Broken("no_ground_left_out", f"{left_m:.1f} m called done without material")
+
+    @property
+    def _hopper_was_empty(self) -> bool:
+        truth = self.machine.ground.newest
+        return truth is not None and truth.hopper_kg < 2.0
 
     @property
     def _may_double(self) -> bool:
@@ -483,6 +508,12 @@ class World:
 
     def _act_order(self, event: Event) -> None:
         self._send_order(*event.what)
+
+    def _act_burst(self, event: Event) -> None:
+        """Sends many orders at once, and STOP behind them."""
+        for number in range(event.what):
+            self._send_order(0, "mark", f"burst {number}")
+        self._send_order(0, "stop", None)
 
     def _act_silent(self, event: Event) -> None:
         self.consoles[event.what].silent_until_s = self.now_s + event.lasts_s
