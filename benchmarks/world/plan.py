@@ -224,7 +224,7 @@ def draw_work(r: random.Random) -> list[Event]:
             Event(round(at_s + KEY_INTERVAL_S * k, 3), "key", key)
             for k, key in enumerate(("acknowledge", "ready", "start"))
         ]
-        at_s += r.uniform(8.0, 40.0)
+        at_s += r.uniform(5.0, 15.0)
     return events
 
 

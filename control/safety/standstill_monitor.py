@@ -129,6 +129,10 @@ def _watch_gate(
     lowest = read if before.lowest_mm is None else min(before.lowest_mm, read)
     most_mm = lowest if commanded_mm is None else max(lowest, commanded_mm)
     opening = find_since_s(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
+    if commanded_mm is None and has_lasted(opening, now_s, limits.run_down_max_s):
+        # Before the first set-point nothing says where the gate belongs: where it stands now.
+        # Otherwise READY would be refused for ever.
+        return GateStand(None, read)
     return GateStand(
         commanded_mm, lowest, opening, has_lasted(opening, now_s, limits.stand_confirm_s)
     )

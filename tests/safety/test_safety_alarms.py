@@ -482,3 +482,20 @@ def test_an_empty_hopper_stays_empty_while_it_is_held_and_the_scale_rustles(work
     for _again in range(30):
         run.tick(0.1, hopper_kg=200.0)
     assert "hopper_empty" not in run.alarm_ids()
+
+
+def test_a_gate_that_moved_before_its_first_set_point_refuses_ready_for_seconds_only(new_run):
+    """Its sensor read 3 mm too little for a while; READY was refused until the program's end."""
+    run, stands = new_run(), {"commanded": STANDS._replace(enabled=False), "shaft_rpm": 0.0}
+    run.tick(2.0, opening_mm=22.0, **stands)
+    run.tick(2.0, opening_mm=25.5, **stands)
+    assert "gate_opens" in run.alarm_ids()
+    assert run.order(Do.READY).why.startswith("cause_lives")
+    run.tick(5.0, opening_mm=25.5, **stands)
+    assert "gate_opens" in run.alarm_ids()
+    run.order(Do.ACKNOWLEDGE, "")
+    assert run.order(Do.READY).accepted
+    run.tick(2.0, opening_mm=25.5, **stands)
+    assert "gate_opens" not in run.alarm_ids()
+    run.tick(2.0, opening_mm=29.0, **stands)
+    assert "gate_opens" in run.alarm_ids()
