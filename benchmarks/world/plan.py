@@ -44,11 +44,13 @@ class Day(NamedTuple):
     events: tuple[Event, ...]
     # Whether nothing is wrong on this day.
     calm: bool = False
+    # Time at which every fault has ended, s.
+    faults_end_s: float = FAULTS_END_S
 
     @property
     def end_s(self) -> float:
         """Time at which the run ends, s."""
-        return FAULTS_END_S + RECOVERY_S
+        return self.faults_end_s + RECOVERY_S
 
     def to_json(self) -> str:
         """Returns the day as text, an event to a line."""
@@ -141,13 +143,14 @@ def draw_order(r: random.Random) -> tuple[str, Any]:
     return do.value, value()
 
 
-def draw_day(seed: int, kinds: Iterable[str] = ()) -> Day:
+def draw_day(seed: int, kinds: Iterable[str] = (), faults_end_s: float = FAULTS_END_S) -> Day:
     """Returns the day of a seed.
 
     Parameters
     ----------
     seed : every number of the day comes from it.
     kinds : names of `DRAWS` that this day must have, as the steering by coverage asks for.
+    faults_end_s : a shorter day has the same events sooner after each other.
     """
     r = random.Random(seed)
     calm = r.random() < 0.1 and not kinds
@@ -171,7 +174,11 @@ def draw_day(seed: int, kinds: Iterable[str] = ()) -> Day:
         for kind in kinds:
             farm, simulated, more = draw_kind(r, kind, farm, simulated)
             events += more
-    return Day(seed, farm, r.choice([5.0, 10.0, 10.0, 20.0]), simulated, sort_events(events), calm)
+    pace = faults_end_s / FAULTS_END_S
+    events = [event._replace(at_s=round(pace * event.at_s, 3)) for event in events]
+    hz = r.choice([5.0, 10.0, 10.0, 20.0])
+    ordered = sort_events(events, faults_end_s)
+    return Day(seed, farm, hz, simulated, ordered, calm, faults_end_s)
 
 
 def draw_kind(
@@ -207,12 +214,12 @@ def _set_detail(what: Any, detail: str, r: random.Random) -> Any:
     return [detail, *what[1:]] if isinstance(what, list) else detail
 
 
-def sort_events(events: Iterable[Event]) -> tuple[Event, ...]:
-    """Returns the events in their order; each fault ends before `FAULTS_END_S`."""
+def sort_events(events: Iterable[Event], end_s: float = FAULTS_END_S) -> tuple[Event, ...]:
+    """Returns the events in their order; each fault ends before `end_s`."""
     return tuple(
-        event._replace(lasts_s=round(min(event.lasts_s, FAULTS_END_S - event.at_s), 3))
+        event._replace(lasts_s=round(min(event.lasts_s, end_s - event.at_s), 3))
         for event in sorted(events, key=lambda event: event.at_s)
-        if event.at_s < FAULTS_END_S
+        if event.at_s < end_s
     )
 
 

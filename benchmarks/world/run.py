@@ -43,7 +43,7 @@ from world.invariants import (
     disobeys,
 )
 from world.network import Listener, Selector, SimulatedConsole
-from world.plan import FAULTS_END_S, Day, Event
+from world.plan import Day, Event
 
 BEGIN = dt.datetime(2026, 4, 1, 6, 0, 0, tzinfo=dt.UTC)
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -420,7 +420,7 @@ class World:
         self._end_faults()
         self.machine.ground.tray = self.host._state == State.CALIBRATING
         self.machine.advance((self.host._state or "off") in PARKED_STATES)
-        if self._recovery is None and self.now_s >= FAULTS_END_S:
+        if self._recovery is None and self.now_s >= self.day.faults_end_s:
             self._begin_recovery()
         if self.now_s >= self.day.end_s and not self._is_over:
             self._is_over = True

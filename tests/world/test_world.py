@@ -9,19 +9,19 @@ from world.plan import FAULTS_END_S, Day, Event, draw_day
 from world.run import run_day
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
-# Days of the quick set: a board that restarts, a power cut, a faulty disk, lies, strangers.
-SEEDS = (1, 6)
+# End of the faults of a short day, s.
+SHORT_S = 25.0
 
 
 def test_one_seed_is_one_run_to_the_last_byte() -> None:
-    first, again = (run_day(draw_day(SEEDS[0])) for _ in range(2))
+    first, again = (run_day(draw_day(1, ("cut",), SHORT_S)) for _ in range(2))
     assert first.broken == "" and first.parts > 1
     assert first.digests == again.digests
 
 
-@pytest.mark.parametrize("seed", SEEDS[1:])
-def test_a_day_holds(seed: int) -> None:
-    assert run_day(draw_day(seed)).broken == ""
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_short_day_holds(seed: int) -> None:
+    assert run_day(draw_day(seed, faults_end_s=SHORT_S)).broken == ""
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
@@ -30,7 +30,7 @@ def test_a_day_that_once_broke_a_promise_holds(path: Path) -> None:
 
 
 @pytest.mark.exam
-@pytest.mark.parametrize("seed", range(200, 320))
+@pytest.mark.parametrize("seed", range(150))
 def test_many_days_hold(seed: int) -> None:
     """Some ten minutes of a processor."""
     assert run_day(draw_day(seed)).broken == ""
