@@ -59,6 +59,7 @@ from topdress.control.readings import (
     is_reading_fresh,
 )
 from topdress.control.safety import (
+    LOW_SUPPLY_SHARE,
     BenchRun,
     DriveLimits,
     Safety,
@@ -151,7 +152,11 @@ class ControlLoop:
         )
         # Limits that depend on the machine are derived here unless a test gives its own.
         allowed = safety_limits or make_standing_limits(
-            machine, SafetyLimits(**select_machine_limits(limits))
+            machine,
+            SafetyLimits(
+                **{"supply_low_v": LOW_SUPPLY_SHARE * machine.shaft.nominal_supply_v}
+                | select_machine_limits(limits)
+            ),
         )
         self.safety = Safety(allowed, has_work_switch)
         self._stopped, self._record_only = (
@@ -766,7 +771,7 @@ class ControlLoop:
             command
             if calibrating
             else self._setting.make_untrimmed_command(bare, moment.conditions),
-            moment.conditions.supply_v,
+            moment.conditions,
             dt_s,
             self._terms.drive_errors,
         )

@@ -83,6 +83,8 @@ class Limits(FrozenModel):
     hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 15.0
     hopper_empty_kg: Annotated[float, Field(ge=0, le=20000)] | None = None
     gate_off_mm: Annotated[float, Field(ge=0.2, le=5)] | None = None
+    # None: a share of `shaft.nominal_supply_v`.
+    supply_low_v: Annotated[float, Field(ge=0, le=60)] | None = None
     # At 20 % a difference of the shaft is a fault.
     shaft_off_percent: Annotated[float, Field(ge=1, le=15)] | None = None
     # The greatest trim is 10 %.

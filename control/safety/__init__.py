@@ -23,7 +23,12 @@ from __future__ import annotations
 from topdress.control.safety.alarms import ALARMS, AlarmKind
 from topdress.control.safety.drive_gate import limit_command, limit_dose, limit_valves
 from topdress.control.safety.interlocks import INTERLOCKS
-from topdress.control.safety.limits import DriveLimits, SafetyLimits, select_machine_limits
+from topdress.control.safety.limits import (
+    LOW_SUPPLY_SHARE,
+    DriveLimits,
+    SafetyLimits,
+    select_machine_limits,
+)
 from topdress.control.safety.memory import Allowances
 from topdress.control.safety.order_handlers import (
     BENCH_ORDERS,
@@ -47,6 +52,7 @@ __all__ = [
     "ALARMS",
     "BENCH_ORDERS",
     "INTERLOCKS",
+    "LOW_SUPPLY_SHARE",
     "POWERED_STATES",
     "REFUSALS",
     "STATE_REASONS",

@@ -305,6 +305,14 @@ CONDITIONS: dict[str, AlarmCondition] = {
                     and f.has_lasted(f.memory.heads_full_since_s, f.limits.heads_full_s)
                     else None
                 ),
+                "supply_low": lambda f: (
+                    (
+                        ("supply_v", _round_known(f.seen.supply_v, 1)),
+                        ("limit", round(f.limits.supply_low_v, 1)),
+                    )
+                    if f.has_lasted(f.memory.supply_low_since_s, f.limits.supply_low_s)
+                    else None
+                ),
                 "gnss_speed_wrong": lambda f: _find_speed_doubt(f, RefusedSpeed.GNSS, False),
                 "wheel_too_much": lambda f: _find_speed_doubt(f, RefusedSpeed.WHEEL, True),
                 "wheel_too_little": lambda f: _find_speed_doubt(f, RefusedSpeed.WHEEL, False),

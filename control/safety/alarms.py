@@ -521,6 +521,13 @@ _ALARM_KINDS = (
         N_("canopy heads"),
     ),
     AlarmKind(
+        "supply_low",
+        _AMBER,
+        N_("The supply is at {supply_v} V, below {limit} V: drives turn slower."),
+        N_("Raise the engine speed; look at battery, alternator and cable."),
+        N_("supply"),
+    ),
+    AlarmKind(
         "hopper_low",
         _AMBER,
         N_("{hopper_kg} kg left in the hopper, enough for {metres_left} m."),

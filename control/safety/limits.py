@@ -11,6 +11,9 @@ from typing import Any
 
 from topdress.control.signals import VALID_FOR
 
+# Share of the nominal supply below which the supply is low: 11.5 V of 13.5 V.
+LOW_SUPPLY_SHARE = 0.85
+
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
@@ -67,6 +70,12 @@ class SafetyLimits:
     heads_full_ndvi: float = 0.95
     heads_full_s: float = 2.0
     scale_silent_s: float = VALID_FOR["hopper_kg"].safety_s
+    supply_silent_s: float = VALID_FOR["supply_v"].safety_s
+    # Supply of a tractor of 12 V whose alternator no longer charges, V; of another machine
+    # `LOW_SUPPLY_SHARE` of its nominal supply.
+    supply_low_v: float = 11.5
+    # Time after which a low supply is an alarm, s: longer than the start of an engine.
+    supply_low_s: float = 5.0
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
     # Speed below which a shaft stands, r/min: six standard deviations of the nominal encoder's 0.3

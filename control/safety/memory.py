@@ -49,6 +49,7 @@ class Memory(NamedTuple):
     follow: FollowWatch = FollowWatch()
     scale_heard: bool = False
     heads_full_since_s: float | None = None
+    supply_low_since_s: float | None = None
     # Time since which the wanted rate is beyond the machine's range, s.
     beyond_range_since_s: float | None = None
     live: tuple[LiveAlarm, ...] = ()

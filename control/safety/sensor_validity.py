@@ -38,6 +38,7 @@ class ValidReadings(NamedTuple):
     opening_mm: float | None
     # Whether every canopy head with a valid reading reads more than any canopy.
     heads_full: bool
+    supply_v: float | None = None
 
     @property
     def is_shaft_heard(self) -> bool:
@@ -92,6 +93,7 @@ def judge_readings(now_s: float, s: Situation, limits: SafetyLimits) -> ValidRea
         find_valid_value(m.shaft_rpm, now_s, limits.drive_silent_s),
         find_valid_value(m.opening_mm, now_s, limits.drive_silent_s),
         _are_heads_full(now_s, m.ndvi, limits),
+        find_valid_value(m.supply_v, now_s, limits.supply_silent_s),
     )
 
 

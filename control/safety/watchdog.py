@@ -85,6 +85,11 @@ class Safety:
             stand=update_standstill(m.stand, now_s, s, seen, limits),
             scale_heard=m.scale_heard or seen.hopper_kg is not None,
             heads_full_since_s=find_since_s(m.heads_full_since_s, now_s, seen.heads_full),
+            supply_low_since_s=find_since_s(
+                m.supply_low_since_s,
+                now_s,
+                seen.supply_v is not None and seen.supply_v < limits.supply_low_v,
+            ),
             beyond_range_since_s=find_since_s(m.beyond_range_since_s, now_s, beyond_range),
         )
         found = find_causes(Facts(m, now_s, s, seen, limits))

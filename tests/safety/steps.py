@@ -19,10 +19,10 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     """All is well at 1.25 m/s due east. `changes`: fields of Situation, or of the machine by
     the names below.
 
-    speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, work_switch, fix_quality,
+    speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, supply_v, work_switch, fix_quality,
     drive_fault, drive_stopped, old_orders, heads_heard, ndvi, shaft_rpm, opening_mm, valves
     (read open or not), and for each sensor an age (gnss_age_s, wheel_age_s, shaft_age_s,
-    gate_age_s, scale_age_s) or NEVER.
+    gate_age_s, scale_age_s, supply_age_s) or NEVER.
     """
     speed = changes.pop("speed_mps", 1.25)
     gnss_mps, wheel_mps = changes.pop("gnss_mps", speed), changes.pop("wheel_mps", speed)
@@ -30,7 +30,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     hopper_kg, switch = changes.pop("hopper_kg", 200.0), changes.pop("work_switch", None)
     heard, ndvi = changes.pop("heads_heard", 6), changes.pop("ndvi", 0.5)
     rpm, opening_mm = changes.pop("shaft_rpm", 70.0), changes.pop("opening_mm", 15.0)
-    valves = changes.pop("valves", None)
+    valves, supply_v = changes.pop("valves", None), changes.pop("supply_v", 13.5)
     seen = None if valves is None else ValvesSeen(now_s, valves)
     faults = {
         name: changes.pop(name, False)
@@ -40,7 +40,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     faults["put_aside"] = changes.pop("put_aside", ())
     ages = {
         name: changes.pop(f"{name}_age_s", 0.0)
-        for name in ("gnss", "wheel", "shaft", "gate", "scale")
+        for name in ("gnss", "wheel", "shaft", "gate", "scale", "supply")
     }
 
     def reading(name: str, value: float) -> Reading | None:
@@ -62,6 +62,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
             shaft_rpm=reading("shaft", rpm),
             opening_mm=reading("gate", opening_mm),
             hopper_kg=reading("scale", hopper_kg),
+            supply_v=reading("supply", supply_v),
             work_switch=switch,
             valves=seen,
             **faults,

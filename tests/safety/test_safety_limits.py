@@ -177,6 +177,9 @@ CHANGES = [
     ("heads_min", 2, alarms(valid_heads=3)),
     ("heads_full_ndvi", 0.98, alarms(3.0, ndvi=0.97)),
     ("heads_full_s", 5.0, alarms(3.0, ndvi=0.97)),
+    ("supply_low_v", 23.0, alarms(6.0, supply_v=22.0)),
+    ("supply_low_s", 9.0, alarms(6.0, supply_v=11.0)),
+    ("supply_silent_s", 5.0, alarms(6.0, supply_v=11.0, supply_age_s=3.0)),
     ("shaft_stands_rpm", 9.0, alarms(3.0, commanded=STANDS, shaft_rpm=5.0)),
     ("stand_settle_s", 4.0, alarms(3.0, commanded=STANDS)),
     ("run_down_max_s", 1.5, slowing_down(2.0)),
@@ -313,6 +316,7 @@ OF_MACHINES = {
     "hopper_low_kg",
     "hopper_empty_kg",
     "gate_off_mm",
+    "supply_low_v",
     "shaft_off_percent",
     "trimmed_percent",
 }
