@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import openpyxl
 import pytest
 from topdress.console.app.pages.job.keys import EXPORT_FORMATS
 from topdress.console.cli.field import FIELD_KINDS
@@ -43,42 +42,25 @@ def show_help(command: str) -> str:
 
 
 def write_example(one: FileFormat, folder: Path) -> Path:
-    """Write a prescription of 120 kg/ha; a format that is not written brings its example."""
-    path = folder / f"example{one.endings[0]}"
-    if one.make_example is not None:
-        one.make_example(path)
-    elif one.write_map is not None:
-        if one.writing_extra and not is_extra_installed(one.writing_extra):
-            pytest.skip(f"the extra {one.writing_extra} is not installed")
-        path = path.with_name("TASKDATA.XML") if one.id == "task" else path
-        one.write_map(MapData((Zone(RATE_KG_HA, (CORNERS_DEG,)),)), path)
-    else:
-        EXAMPLES[one.id](path)
+    """Write the format's own example."""
+    path = folder / ("TASKDATA.XML" if one.id == "task" else f"example{one.endings[0]}")
+    if one.writing_extra and not is_extra_installed(one.writing_extra):
+        pytest.skip(f"the extra {one.writing_extra} is not installed")
+    if one.id == "geotiff":
+        pytest.importorskip("rasterio", reason="rasterio is not installed")
+    one.write_example(path)
     return path
 
 
-def write_workbook(path: Path) -> None:
-    book = openpyxl.Workbook()
-    sheet = book.active
-    sheet.append(("lat", "lon", "rate_kg_ha"))
-    for row in range(4):
-        for column in range(4):
-            sheet.append((33.0 + 1e-4 * row, 120.0 + 1.2e-4 * column, RATE_KG_HA))
-    book.save(path)
-
-
-def write_raster(path: Path) -> None:
-    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
-    cells = np.full((1, 4, 4), RATE_KG_HA, "f4")
-    place = rasterio.transform.from_origin(120.0, 33.0, 1e-4, 1e-4)
-    like = {"driver": "GTiff", "height": 4, "width": 4, "count": 1, "dtype": "float32"}
-    with rasterio.open(path, "w", crs="EPSG:4326", transform=place, **like) as raster:
-        raster.write(cells)
-        raster.set_band_description(1, "rate_kg_ha")
-
-
-# Examples of formats that the product reads only, and that need a library of the tests.
-EXAMPLES = {"excel": write_workbook, "geotiff": write_raster}
+@pytest.mark.parametrize("one", list_formats(), ids=lambda one: one.id)
+def test_format_has_its_example(one: FileFormat, tmp_path: Path) -> None:
+    if not one.endings:
+        one.write_example(tmp_path / "field")
+        assert one.read_field is not None
+        assert one.read_field(tmp_path / "field").outline_deg is not None
+        return
+    path = write_example(one, tmp_path)
+    assert sniff_file_kind(path).id == one.id
 
 
 @pytest.mark.parametrize("one", list_able("read_map"), ids=lambda one: one.id)
