@@ -22,7 +22,11 @@ from topdress.control.simulation.assembly import (
     make_plant,
 )
 from topdress.control.simulation.plant import Plant, SensorReadings, Truth
-from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
+from topdress.drivers.devices.canopy_heads import HeadsConfig
+from topdress.drivers.devices.fix_source import GnssConfig
+from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.files.prescriptions.job_targets import read_job_map
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import make_memory_pair

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Literal
+from typing import Any, Literal
 
 from topdress.drivers.datagrams import Datagrams
 from topdress.drivers.device_status import DeviceStatus
@@ -51,6 +51,10 @@ class DeviceLine:
         if data:
             self._inform_taps(now_s, "<", data)
         return data
+
+    def read_input(self, now_s: float) -> Any:
+        """Returns what has arrived, as the decoder takes it."""
+        return self.read_bytes(now_s)
 
     def write_bytes(self, now_s: float, data: bytes) -> None:
         """Queues bytes for sending."""
@@ -125,7 +129,7 @@ class DatagramLine(DeviceLine):
         super().__init__(name, protocol, port, counts)
         self._datagrams = port
 
-    def read_datagrams(self, now_s: float) -> list[bytes]:
+    def read_input(self, now_s: float) -> list[bytes]:
         """Returns the datagrams that have arrived since the last call, oldest first."""
         found = self._datagrams.read_each()
         for data in found:

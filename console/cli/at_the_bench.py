@@ -157,7 +157,8 @@ def make_host(
     from topdress.console.worker.run_parts import Assembly, RunNames
     from topdress.control.loop import ControlLoop
     from topdress.control.safety import SafetyLimits
-    from topdress.drivers.cab import Cab, CabConfig
+    from topdress.drivers.cab import Cab
+    from topdress.drivers.cab_config import CabConfig
     from topdress.drivers.files.setup import load_setup
 
     setup = load_setup(machine, "demo", day_clock.read_today())

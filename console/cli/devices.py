@@ -33,8 +33,8 @@ def list_devices(
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
     from serial.tools.list_ports import comports
-    from topdress.drivers.cab_config import DEFAULT_CONSOLE_PORT
     from topdress.drivers.devices.probe import PROBE_BAUD_RATES
+    from topdress.drivers.devices.rate_module import DEFAULT_CONSOLE_PORT
 
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(descriptions)

@@ -24,7 +24,8 @@ PHASE_WORDS = {
 def measure_drop(rig: str, out: Path, runs: int) -> None:
     """Measures `runs` runs and writes `out`; after an interruption the measured runs stay in the
     file. Raises CommandError."""
-    from topdress.drivers.cab import Cab, CabConfig
+    from topdress.drivers.cab import Cab
+    from topdress.drivers.cab_config import CabConfig
     from topdress.drivers.devices.lag_run import DropProcedure, make_drop_table
     from topdress.drivers.files.atomic import write_atomically
 

@@ -27,7 +27,8 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.frame import Frame
 from topdress.control.orders import Do, Order, State
 from topdress.drivers import day_clock
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, ShaftTurned
 from topdress.drivers.files.atomic import write_atomically
 

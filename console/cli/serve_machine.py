@@ -71,7 +71,7 @@ def serve_virtual_machine(
     virtual` connects to it."""
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import add_simulated_field, make_plant
-    from topdress.drivers.cab_config import DEFAULT_MODULE_PORT
+    from topdress.drivers.devices.rate_module import DEFAULT_MODULE_PORT
     from topdress.drivers.files.setup import load_setup
     from topdress.drivers.virtual.faults import parse_fault
     from topdress.drivers.virtual.served import ServedMachine, ServeOptions

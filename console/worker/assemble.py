@@ -35,13 +35,15 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.plant import Plant
 from topdress.drivers import day_clock
-from topdress.drivers.cab import BoardConfig, Cab, CabConfig, PortOpener
-from topdress.drivers.cab_config import MODULE_TIMEOUT_S
+from topdress.drivers.cab import Cab, PortOpener
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.datagrams import open_line
 from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.board_frames import BOARD_STOP_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
+from topdress.drivers.devices.rate_module import MODULE_TIMEOUT_S
+from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.files.config import ConfigError, LoadedConfig
 from topdress.drivers.files.kinds import CAB_KIND, MACHINE_KIND
 from topdress.drivers.files.prescriptions.job_targets import LoopTargets, read_loop_targets

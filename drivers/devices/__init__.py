@@ -8,7 +8,8 @@ Files:
 - `canopy_heads`: How are the lines of canopy heads decoded?
 - `capture`: How are the raw bytes of one device's line recorded, with times?
 - `decode`: What does a raw capture of one device contain, read through its real driver?
-- `device`: What does a device on a line of its own state about itself?
+- `device`: What does a device state about itself?
+- `fix_source`: Which receiver or program gives the position?
 - `gnss`: How are the NMEA 0183 sentences of GNSS receivers decoded to fixes?
 - `gpsd`: How are the JSON objects of gpsd decoded?
 - `lag_rig`: How are the lag rig's lines decoded and its orders encoded?

@@ -9,8 +9,14 @@ docs/protocol-heads.md.
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
+from pydantic import Field, model_validator
+from topdress.control.frozen_model import FrozenModel
+from topdress.control.readings import Reading
+from topdress.control.signals import N_
+from topdress.drivers.devices.device import Baud, Device, LineUrl, OpenLine
 from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
 from topdress.drivers.plugins import PluginFault, find_plugin
 
@@ -19,6 +25,8 @@ MIN_NDVI = -1.0
 MAX_NDVI = 1.0
 # Largest difference of NDVI from its reflectances, which heads write with two digits or more.
 MAX_BANDS_ERROR = 0.02
+# Largest number of canopy heads on one boom.
+MAX_HEADS = 12
 # Digits are limited so that no line of digits costs more than a short one.
 _NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
 _PRINTABLE = re.compile(rb"[ -~]*")
@@ -159,3 +167,111 @@ class HeadDecoder(LineDecoder[HeadSample]):
         nir, red = map(float, bands)
         total = nir + red
         return total > 0.0 and abs((nir - red) / total - ndvi) <= MAX_BANDS_ERROR
+
+
+class HeadLayout(FrozenModel):
+    """Assigns the fields of a head's line to NDVI and the second index. Field numbers begin at 1;
+    `index_2: 0` means that the line has no second index."""
+
+    fields: Annotated[int, Field(ge=1, le=40)]
+    ndvi: Annotated[int, Field(ge=1, le=40)]
+    index_2: Annotated[int, Field(ge=0, le=40)] = 0
+
+    @model_validator(mode="after")
+    def _check_field_numbers(self) -> Self:
+        if max(self.ndvi, self.index_2) > self.fields:
+            raise ValueError(
+                f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}"
+            )
+        return self
+
+
+class HeadsConfig(FrozenModel):
+    """Describes the canopy heads: one port each from left to right, or all on one
+    multiplexed line."""
+
+    protocol: str = "greenseeker"
+    ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MAX_HEADS)]
+    # None means the baud rate that the protocol defines.
+    baud: Baud | None = None
+    multiplexed: bool = False
+    # The number of heads on a multiplexed line; separate ports are counted instead.
+    heads: Annotated[int, Field(ge=1, le=MAX_HEADS)] = 6
+    # None means the layout that the protocol defines.
+    layout: HeadLayout | None = None
+    # The index that determines the rate; `ndre` is the second index of the line.
+    index: Literal["ndvi", "ndre"] = "ndvi"
+
+    @model_validator(mode="after")
+    def _check_heads(self) -> Self:
+        if find_head_fields(self.protocol) is None and self.layout is None:
+            raise ValueError(
+                f"protocol {self.protocol!r}: allowed is one of {', '.join(FIELDS_OF_PROTOCOL)}, "
+                "or any name together with a layout"
+            )
+        if self.multiplexed and len(self.ports) != 1:
+            raise ValueError(f"ports: {len(self.ports)} given, a multiplexed line has 1")
+        if self.index == "ndre" and (
+            self.field_map.index_2_is != "ndre" if self.layout is None else self.layout.index_2 == 0
+        ):
+            able = ", ".join(
+                name for name, known in FIELDS_OF_PROTOCOL.items() if known.index_2_is == "ndre"
+            )
+            raise ValueError(
+                f"index ndre: heads of protocol {self.protocol} give NDVI: allowed with "
+                f"{able}, or with a "
+                "layout whose index_2 is NDRE"
+            )
+        return self
+
+    @property
+    def count(self) -> int:
+        """Number of canopy heads."""
+        return self.heads if self.multiplexed else len(self.ports)
+
+    @property
+    def field_map(self) -> HeadFields:
+        """Fields of a line that hold NDVI and the second index."""
+        if self.layout is not None:
+            return HeadFields(self.layout.fields, self.layout.ndvi, self.layout.index_2)
+        found = find_head_fields(self.protocol)
+        assert found is not None, "_fits refuses it"
+        return found
+
+
+def open_heads(config: HeadsConfig) -> Sequence[OpenLine]:
+    """Returns the line of each port with a canopy head, or of the port with all."""
+    newest: list[Reading | None] = [None] * config.count
+
+    def take_sample(sample: HeadSample) -> Mapping[str, Any]:
+        # A head may send its second index instead of NDVI; both are limited to -1 ... 1.
+        value = sample.ndvi if config.index == "ndvi" else sample.index_2
+        if value is not None and abs(value) <= 1.0:
+            newest[sample.head - 1] = Reading(value, sample.time_s)
+        return {}
+
+    return tuple(
+        OpenLine(
+            name="heads" if config.multiplexed else f"head_{place}",
+            protocol=config.protocol,
+            url=port,
+            baud=config.baud or config.field_map.baud,
+            decoder=HeadDecoder(
+                config.field_map,
+                head=None if config.multiplexed else place,
+                heads=config.count,
+            ),
+            find_measurements=take_sample,
+            find_state=lambda now_s: {"ndvi": tuple(newest)},
+        )
+        for place, port in enumerate(config.ports, start=1)
+    )
+
+
+DEVICE = Device(
+    section="heads",
+    title=N_("canopy heads"),
+    config=HeadsConfig,
+    open_lines=open_heads,
+    rank=2,
+)

@@ -15,7 +15,6 @@ from topdress.drivers.devices.capture import extract_received, is_capture
 from topdress.drivers.devices.device import LineDevice, Receiver, Record
 from topdress.drivers.devices.lines import Counts
 from topdress.drivers.devices.registry import list_line_devices, map_receivers
-from topdress.drivers.devices.slave_board import BoardReadings, SlaveBoard
 from topdress.drivers.plugins import find_plugin
 
 # A capture of bare bytes has no arrival times, so bytes are assumed to arrive at 9600 baud, the
@@ -105,26 +104,6 @@ def _make_fix_record(fix: GnssFix) -> Record:
     }
 
 
-def _make_board_record(readings: BoardReadings) -> Record:
-    names = (
-        "wheel_speed_mps",
-        "pitch_deg",
-        "roll_deg",
-        "shaft_rpm",
-        "opening_mm",
-        "hopper_kg",
-        "supply_v",
-        "shaft_effort",
-        "gate_effort",
-    )
-    record: Record = {
-        name: value.value if (value := getattr(readings, name)) is not None else None
-        for name in names
-    }
-    record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
-    return record
-
-
 def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], Counts]:
     return _decode_all(receiver.make_decoder(False), _make_fix_record, data)
 
@@ -136,7 +115,6 @@ def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], 
 
 DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     **{one.captured_as: partial(_decode_receiver, one) for one in map_receivers().values()},
-    "board": lambda data: _decode_all(SlaveBoard(), _make_board_record, data),
     **{
         one.section: partial(_decode_line_device, one)
         for one in list_line_devices()

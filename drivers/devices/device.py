@@ -1,13 +1,13 @@
-"""What does a device on a line of its own state about itself? The cab file, the cab, `topdress
-devices`, `topdress decode` and the tests take it from here.
+"""What does a device state about itself? The cab file, the cab, `topdress devices`, `topdress
+decode` and the tests take it from here.
 
-Such a device is a module of this folder with a `DEVICE`: its section of the cab file, its decoder
+A device is a module of this folder with a `DEVICE`: its section of the cab file, its decoder
 and the measurements that its messages give.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -30,25 +30,85 @@ class LineConfig(FrozenModel):
     baud: Baud = 115200
 
 
+def _find_nothing(now_s: float) -> Mapping[str, Any]:
+    return {}
+
+
+def _begin_silently() -> bytes:
+    return b""
+
+
+def _close_nothing() -> None:
+    return None
+
+
 @dataclass(frozen=True, kw_only=True)
-class LineDevice:
-    """Defines a device that only its own line connects with the others.
+class OpenLine:
+    """Defines one line of a device: where it is, and what is done with its bytes.
 
     Parameters
     ----------
-    section : name of its section of the cab file, on the page Devices and in captures.
+    name : name on the page Devices and in captures.
+    protocol : protocol on that page.
+    url, baud : where the line is; without a baud rate it carries datagrams.
+    decoder : has `feed(data, time_s)` and `counts`.
+    find_measurements : the fields of `Measurements` that one message sets.
+    find_state : the fields that are set in every tick, at a time.
+    begin : called at every connection; returns the bytes to send.
+    close : called when the cab closes.
+    """
+
+    name: str
+    protocol: str
+    url: str
+    baud: int | None
+    decoder: Any
+    find_measurements: Callable[[Any], Mapping[str, Any]]
+    find_state: Callable[[float], Mapping[str, Any]] = _find_nothing
+    begin: Callable[[], bytes] = _begin_silently
+    close: Callable[[], None] = _close_nothing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device:
+    """Defines a device of the cab.
+
+    Parameters
+    ----------
+    section : name of its section of the cab file.
     title : name on the screen, an English text in `N_` of `control.signals`.
+    config : model of the section.
+    open_lines : the lines of a section.
+    sole : measurements that no other device of the machine gives where this device is fitted.
+    rank : place among the devices, which are read in this order.
+    """
+
+    section: str
+    title: str
+    config: type[FrozenModel]
+    open_lines: Callable[[Any], Sequence[OpenLine]]
+    sole: tuple[str, ...] = ()
+    rank: int = 100
+
+
+def _open_no_line(section: Any) -> Sequence[OpenLine]:
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineDevice(Device):
+    """Defines a device with one line of one protocol. Its section names the line.
+
+    Parameters
+    ----------
     protocol : protocol on the page Devices.
     heard_as : name of the protocol in `topdress devices`; empty means the section.
-    config : model of the section.
     make_decoder : returns a decoder for a section; None for a line without a cab file.
     find_measurements : the fields of `Measurements` that one message sets.
     make_record : the columns of one message in `topdress decode`; None: not decoded there.
     make_example : forty messages as the virtual device sends them.
     """
 
-    section: str
-    title: str
     protocol: str
     config: type[LineConfig]
     make_decoder: Callable[[Any], LineDecoder[Any]]
@@ -56,6 +116,22 @@ class LineDevice:
     make_example: Callable[[], bytes]
     make_record: Callable[[Any], Record] | None = None
     heard_as: str = ""
+    open_lines: Callable[[Any], Sequence[OpenLine]] = _open_no_line
+
+    def __post_init__(self) -> None:
+        if self.open_lines is _open_no_line:
+            object.__setattr__(self, "open_lines", lambda config: (self.make_line(config),))
+
+    def make_line(self, config: LineConfig) -> OpenLine:
+        """Returns the line of a section with its decoder."""
+        return OpenLine(
+            name=self.section,
+            protocol=self.protocol,
+            url=config.port,
+            baud=config.baud,
+            decoder=self.make_decoder(config),
+            find_measurements=self.find_measurements,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

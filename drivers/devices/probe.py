@@ -21,7 +21,6 @@ from topdress.drivers.devices.rate_module_frames import (
     decode_heard,
 )
 from topdress.drivers.devices.registry import list_line_devices, map_receivers
-from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.ports import Clock, Port, escape_unprintable
 
 # Baud rates in the order of how common they are.
@@ -48,7 +47,6 @@ class ProbeFinding(NamedTuple):
 def make_decoders() -> dict[str, Any]:
     """Returns a new decoder for every line protocol, in any order."""
     return {
-        "slave-board/1": SlaveBoard(),
         **{name: one.make_decoder(True) for name, one in map_receivers().items()},
         **{one.heard_as or one.section: one.make_decoder(None) for one in list_line_devices()},
         **{

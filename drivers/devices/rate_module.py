@@ -6,14 +6,21 @@ The rate module stops its own motor only after 4 s without its console, a slave 
 
 from __future__ import annotations
 
+import ipaddress
 import math
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
+from pydantic import Field, model_validator
+from topdress.control.frozen_model import FrozenModel
 from topdress.control.readings import Reading
+from topdress.control.signals import N_
+from topdress.drivers.datagrams import is_loopback
 from topdress.drivers.devices.board_frames import encode_valves
+from topdress.drivers.devices.device import Device, OpenLine
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
+    MAX_PWM,
     MAX_RELAYS,
     MODULUS_24_BITS,
     BoardLabel,
@@ -27,6 +34,10 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_target,
 )
 
+# Time without messages after which a rate module stops its own motor, s.
+MODULE_TIMEOUT_S = 4.0
+# UDP ports on which rate modules listen and to which they answer.
+DEFAULT_MODULE_PORT, DEFAULT_CONSOLE_PORT = 28888, 29999
 # Shortest interval of targets while the set-point changes, s.
 MIN_TARGET_INTERVAL_S = 0.1
 # Longest interval of targets, s, because the module stops after 4 s without one.
@@ -40,6 +51,88 @@ RELAY_RUN_DOWN_S = 2.0
 CONTACT_TIMEOUT_S = 2.0
 # A reported shaft speed above this limit is rejected, r/min.
 MAX_REPORTED_SHAFT_RPM = 400.0
+
+
+UdpPort = Annotated[int, Field(ge=1, le=65535)]
+ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
+
+
+class RateModuleConfig(FrozenModel):
+    """Describes a rate module on UDP as the metering drive. Its unit is one turn of the metering
+    shaft, so units per minute are r/min.
+
+    `address`: the module's own address or the broadcast address of the subnet; None means
+    192.168.1.(50 + module), the default of the modules. `listen`: this computer's own address in
+    the network of the module, or 0.0.0.0 where the module answers to the whole subnet. `subnet`:
+    network from which answers are accepted, such as 192.168.1.0/24; None means `address` alone.
+    `fixed_opening_mm`: opening of a gate that is set by hand because the board does not move it.
+    `valves`: whether the valves of the sections are wired to the relays of the module, from the
+    second relay on; otherwise they are wired to the slave board.
+    """
+
+    address: str | None = None
+    port: UdpPort = DEFAULT_MODULE_PORT
+    listen: str = "127.0.0.1"
+    subnet: str | None = None
+    listen_port: UdpPort = DEFAULT_CONSOLE_PORT
+    module: Annotated[int, Field(ge=0, le=15)] = 0
+    sensor: Annotated[int, Field(ge=0, le=15)] = 0
+    pulses_per_turn: Annotated[float, Field(ge=1, le=16777)]
+    drive: ControlType = "motor"
+    max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
+    fixed_opening_mm: Annotated[float, Field(gt=0, le=100)] | None = None
+    work_switch: bool = False
+    valves: bool = False
+
+    @property
+    def url(self) -> str:
+        """URL with both addresses and the permitted senders:
+        `udp://LISTEN:PORT?to=ADDRESS:PORT&from=NETWORK`."""
+        senders = "" if self.subnet is None else f"&from={self.subnet}"
+        return (
+            f"udp://{self.listen}:{self.listen_port}?to={self.module_address}:{self.port}{senders}"
+        )
+
+    @property
+    def module_address(self) -> str:
+        """Address to which the datagrams are sent."""
+        return self.address or f"192.168.1.{50 + self.module}"
+
+    @model_validator(mode="after")
+    def _check_senders(self) -> Self:
+        if is_loopback(self.listen) != is_loopback(self.module_address):
+            raise ValueError(
+                f"listen {self.listen}: a module at {self.module_address} cannot be heard there: "
+                "allowed is this "
+                "computer's own address on the module's network, or 0.0.0.0"
+            )
+        if self.subnet is None and (
+            self.module_address.endswith(".255") or not _is_address(self.module_address)
+        ):
+            raise ValueError(
+                f"address {self.module_address} is not one module's: "
+                "subnet is missing, from where answers are "
+                "believed: allowed is a network, as 192.168.1.0/24"
+            )
+        if self.subnet is not None and not _is_network(self.subnet):
+            raise ValueError(f"subnet {self.subnet}: allowed is a network, as 192.168.1.0/24")
+        return self
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return is_loopback(text)
+    return True
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ipaddress.ip_network(text)
+    except ValueError:
+        return False
+    return True
 
 
 class ModuleAddress(NamedTuple):
@@ -200,3 +293,50 @@ class RateModule(Decoder[ModuleReadings]):
             status.hears_you,
             status.bin_empty,
         )
+
+
+def open_rate_module(config: RateModuleConfig) -> Sequence[OpenLine]:
+    """Returns the datagram line of a module. A gate set by hand gets the time stamp of the
+    module's own readings."""
+    module = RateModule(
+        ModuleAddress(config.module, config.sensor),
+        config.pulses_per_turn,
+        config.max_shaft_rpm,
+        config.drive,
+    )
+
+    def find_measurements(readings: ModuleReadings) -> Mapping[str, Any]:
+        if readings.shaft_rpm is None:
+            return {}
+        effort = Reading(100.0 * abs(readings.pwm) / MAX_PWM, readings.time_s)
+        found = {"shaft_rpm": readings.shaft_rpm, "shaft_effort": effort}
+        if config.fixed_opening_mm is not None:
+            found["opening_mm"] = Reading(config.fixed_opening_mm, readings.time_s)
+        return found
+
+    def find_state(now_s: float) -> Mapping[str, Any]:
+        if not config.work_switch or module.board is None:
+            return {}
+        return {"work_switch": (module.board.work_switch, module.board_s)}
+
+    return (
+        OpenLine(
+            name="rate_module",
+            protocol=f"rate-module/udp (stops by itself after {MODULE_TIMEOUT_S:g} s)",
+            url=config.url,
+            baud=None,
+            decoder=module,
+            find_measurements=find_measurements,
+            find_state=find_state,
+        ),
+    )
+
+
+DEVICE = Device(
+    section="rate_module",
+    title=N_("rate module"),
+    config=RateModuleConfig,
+    open_lines=open_rate_module,
+    sole=("shaft_rpm", "shaft_effort"),
+    rank=4,
+)

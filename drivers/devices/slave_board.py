@@ -5,10 +5,14 @@ command lines.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Any, NamedTuple
 
-from topdress.control.readings import DriveCommand, Reading, ValvesSeen
-from topdress.drivers.board.framing import SEQUENCE_MODULUS
+from pydantic import Field
+from topdress.control.readings import SENSED_COLUMNS, DriveCommand, Reading, ValvesSeen
+from topdress.control.signals import N_
+from topdress.drivers.board.framing import SEQUENCE_MODULUS, seal_frame
 from topdress.drivers.board.slave import (
     DRIVER_FAULT,
     ENABLED,
@@ -33,6 +37,7 @@ from topdress.drivers.devices.board_frames import (
     encode_valves,
     is_repeated_sequence,
 )
+from topdress.drivers.devices.device import LineConfig, LineDevice, OpenLine, Record
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 from topdress.drivers.devices.point_dose import REPORT_FRAME, PointDose, decode_dose_report
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
@@ -42,6 +47,17 @@ BOARD_WORD_PREFIX, SHAFT_TURNED_PREFIX = WORD_FRAME.encode() + b",", TURNED_FRAM
 # Number of unanswered requests for the word, one with each command at 20 a second, after which the
 # board is taken to have no word.
 MAX_WORD_REQUESTS = 20
+
+
+class BoardConfig(LineConfig):
+    """Describes the slave board, the limits of its drives and the wheel whose pulses it counts."""
+
+    max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
+    max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
+    wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
+    wheel_pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
+    # On a machine with a switch, silence of the switch means that the implement is lifted.
+    work_switch: bool = False
 
 
 class SetPointLimits(NamedTuple):
@@ -225,3 +241,84 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             reading(status.shaft_effort),
             reading(status.gate_effort),
         )
+
+
+# Names of the readings that the board contributes to `Measurements`.
+BOARD_READINGS = tuple(name for name in SENSED_COLUMNS if name in BoardReadings._fields)
+
+
+def make_board(config: BoardConfig | None) -> SlaveBoard:
+    """Returns the decoder of a section; of None with the limits and the wheel of no machine."""
+    if config is None:
+        return SlaveBoard()
+    return SlaveBoard(
+        SetPointLimits(config.max_shaft_rpm, config.max_opening_mm),
+        WheelGeometry(config.wheel_circumference_m, config.wheel_pulses_per_turn),
+    )
+
+
+def find_measurements(readings: BoardReadings) -> Mapping[str, Any]:
+    """Returns the measurements of a status line; a sensor that is not fitted sets none."""
+    found = {
+        name: value for name in BOARD_READINGS if (value := getattr(readings, name)) is not None
+    }
+    if readings.work_switch is not None:
+        found["work_switch"] = readings.work_switch, readings.time_s
+    return found | {
+        "valves": readings.valves,
+        "drive_fault": readings.driver_fault,
+        "old_orders": readings.old_order,
+    }
+
+
+def make_record(readings: BoardReadings) -> Record:
+    """Returns a status line under the run log's column names."""
+    record: Record = {
+        name: None if (reading := getattr(readings, name)) is None else reading.value
+        for name in BOARD_READINGS
+    }
+    record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
+    return record
+
+
+def make_example() -> bytes:
+    """Returns forty status lines of a board at work, 50 ms apart."""
+    return b"".join(
+        seal_frame(
+            f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,25.000,"
+            "250.000,13.500,1.000,0.000,1,1"
+        )
+        for tick in range(40)
+    )
+
+
+def open_board(config: BoardConfig) -> Sequence[OpenLine]:
+    """Returns the line of a board. After a connection another board, or the same board restarted,
+    may be at its end; a dose without an answer is given up in time."""
+    line = DEVICE.make_line(config)
+    board: SlaveBoard = line.decoder
+
+    def begin() -> bytes:
+        board.forget_board()
+        return b""
+
+    def find_state(now_s: float) -> Mapping[str, Any]:
+        board.dose.check_overdue(now_s)
+        return {}
+
+    return (replace(line, begin=begin, find_state=find_state),)
+
+
+DEVICE = LineDevice(
+    section="board",
+    title=N_("drive board"),
+    protocol="slave-board/1",
+    heard_as="slave-board/1",
+    config=BoardConfig,
+    make_decoder=make_board,
+    find_measurements=find_measurements,
+    make_record=make_record,
+    make_example=make_example,
+    open_lines=open_board,
+    rank=3,
+)

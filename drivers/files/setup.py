@@ -19,7 +19,8 @@ from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.product_calibration import apply_product
 from topdress.control.orders import CANOPY_SOURCES
-from topdress.drivers.cab_config import BoardConfig, CabConfig
+from topdress.drivers.cab_config import CabConfig
+from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.files.config import LoadedConfig, calc_sha256, load_any_config, load_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import (

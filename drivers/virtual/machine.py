@@ -10,9 +10,12 @@ from typing import Literal
 
 from topdress.control.readings import GnssFix
 from topdress.control.simulation.plant import Plant
-from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields, HeadsConfig
+from topdress.drivers.devices.fix_source import GnssConfig
 from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal_sentence
+from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.ports import Clock, MemoryPort, Port, make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.extras import MachineExtra

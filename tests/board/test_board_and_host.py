@@ -15,7 +15,8 @@ from topdress.control.readings import DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.board.slave import BoardSettings, SlaveProgram
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.point_dose import (
     DoseState,
     PointDose,
@@ -33,7 +34,8 @@ from tests.waiting import wait_for
 HOST = """
 import sys, time
 from topdress.control.readings import DriveCommand
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 cab = Cab(CabConfig.model_validate({"board": {"port": sys.argv[1]}}), time.monotonic)
 begun_s = time.monotonic()
 while True:

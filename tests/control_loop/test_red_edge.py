@@ -14,7 +14,7 @@ from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import prepare_rule
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 from topdress.control.simulation.canopy import convert_to_ndre
-from topdress.drivers.cab_config import HeadsConfig
+from topdress.drivers.devices.canopy_heads import HeadsConfig
 from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.kinds import CROP_KIND, JOB_KIND
 from topdress.drivers.files.read_log import read_log

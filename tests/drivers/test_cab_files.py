@@ -17,7 +17,8 @@ from topdress.control.simulation.assembly import (
     make_plant,
 )
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.files.config import (
     ConfigError,
     find_shipped_files,

@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix
 from topdress.control.signals import SIGNALS
-from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.devices import probe
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
@@ -99,15 +98,6 @@ def clean(protocol: str) -> bytes:
                 }
             ).encode()
             + b"\n"
-            for tick in range(40)
-        )
-    if protocol == "board":
-        return b"".join(
-            seal_frame(
-                f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,"
-                "25.000,250.000,"
-                "13.500,1.000,0.000,1,1"
-            )
             for tick in range(40)
         )
     for device in list_line_devices():
@@ -304,9 +294,6 @@ def test_decode_reads_it_as_it_reads_the_bare_bytes():
 FIX = GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0)
 HEARD = {
     "nmea0183": b"".join(make_gnss_sentences(FIX._replace(time_s=t / 5)) for t in range(3)),
-    "slave-board/1": b"".join(
-        seal_frame(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
-    ),
     **{one.heard_as or one.section: one.make_example() for one in list_line_devices()},
     "greenseeker": b"345,0.5\r\n" + make_head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
     "acs435": make_head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,

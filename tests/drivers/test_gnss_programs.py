@@ -13,7 +13,8 @@ from math import atan2, cos, degrees, hypot, radians
 
 import pytest
 from topdress.control.readings import DriveCommand, GnssFix
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.datagrams import make_datagram_pair
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.decode import decode_capture

@@ -12,7 +12,8 @@ from topdress.control.machine.machine import Machine
 from topdress.control.readings import DriveCommand, Reading
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.board.lag_rig import ARMED, LANDED
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.lag_rig import LagRig, RigReadings
 from topdress.drivers.devices.lag_run import (
     DropProcedure,

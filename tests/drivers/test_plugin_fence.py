@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.drivers import plugin_process, plugins
-from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.cab_config import GnssConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.canopy_heads import find_head_fields
 from topdress.drivers.devices.decode import decode_capture
+from topdress.drivers.devices.fix_source import GnssConfig
 from topdress.drivers.files.layers import read_layers
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import PortState
@@ -199,14 +200,14 @@ def test_a_sound_receiver_gives_fixes_and_counts_and_begins_anew_when_it_is_plug
     assert wait_for(lambda: fix_after(7.0)) is None
     assert cab.read_measurements(7.0).gnss[1:4] == (40.0, 117.0, 4)
     assert cab.find_device_line("gnss").make_status(7.0).accepted >= 1
-    session = cab._gnss._plugin._session
+    session = cab._devices["gnss"].decoder._session
     session._decoder._process._process.kill()
     wait_for(lambda: fix_after(9.0) or cab.read_measurements(9.0).put_aside)
     assert cab.read_measurements(9.0).put_aside == ("gnss (plug-in sound)",)
     for is_plugged in (False, True):
         cab.find_device_line("gnss").set_plugged(is_plugged)
     wait_for(lambda: fix_after(20.0))
-    child = cab._gnss._plugin._session._decoder._process._process
+    child = cab._devices["gnss"].decoder._session._decoder._process._process
     cab.close_devices()
     assert child.wait(2.0) is not None, "no process stays behind"
 

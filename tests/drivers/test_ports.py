@@ -13,7 +13,8 @@ import pytest
 import serial
 from serial.rfc2217 import PortManager
 from topdress.control.readings import DriveCommand
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.datagrams import UdpPort
 from topdress.drivers.ports import (
     MAX_QUEUED_WRITES,

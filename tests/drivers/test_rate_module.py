@@ -10,7 +10,8 @@ import struct
 
 import pytest
 from topdress.control.readings import DriveCommand
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.datagrams import (
     MAX_DATAGRAMS_PER_READ,
     UdpPort,

@@ -13,7 +13,8 @@ from topdress.control.field.job import Job
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import Plant
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.ports import open_port, parse_socket_address
 from topdress.drivers.virtual.faults import (

@@ -10,7 +10,8 @@ import pytest
 from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.board.framing import seal_frame
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.board_frames import (
     WORD_REQUEST,
     CommandFrame,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +13,7 @@ from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.nmea import calc_checksum
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, make_speed_sentence
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
+from topdress.drivers.ports import make_memory_pair
 
 WAY_M = 0.15625
 
@@ -143,29 +142,15 @@ def test_no_bytes_break_it(pieces: list[bytes]) -> None:
     assert counts.read == counts.accepted + counts.rejected_total + sum(counts.ignored.values())
 
 
-class Line:
-    """A port that says what it is given."""
-
-    def __init__(self) -> None:
-        self.waiting = b""
-
-    def read(self) -> bytes:
-        said, self.waiting = self.waiting, b""
-        return said
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *_: None
-
-
 def test_from_the_cabs_port_to_control() -> None:
-    line = Line()
+    host, line = make_memory_pair("line", lambda: 0.0)
     cab = Cab(
         CabConfig.model_validate({"tractor": {"port": "socket://x:1"}}),
         lambda: 0.0,
-        lambda *_: line,
+        lambda *_: host,
     )
     assert cab.read_measurements(0.0).speed_told is None
-    line.waiting = make_speed_sentence(PLAN)
+    line.write(make_speed_sentence(PLAN))
     told = cab.read_measurements(1.0).speed_told
     assert (
         told is not None

@@ -12,7 +12,8 @@ from topdress.control.field.job import Wanted
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.readings import Measurements
 from topdress.control.simulation.assembly import make_control_loop
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.rate_line import RateLineDecoder, make_target_sentence
 from topdress.drivers.ports import PortState
 
@@ -91,11 +92,11 @@ class Metering:
 
     @property
     def _read(self) -> int:
-        return self.cab._line_devices["rate_line"].decoder.counts.read
+        return self.cab._devices["rate_line"].decoder.counts.read
 
     @property
     def connects(self) -> int:
-        return self.cab._line_devices["rate_line"].line.port.state().connects
+        return self.cab._devices["rate_line"].line.port.state().connects
 
     def got_kg_ha(self, last_s: float) -> float:
         """What left the outlets, over the ground that passed."""

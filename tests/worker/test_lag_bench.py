@@ -20,7 +20,8 @@ from topdress.control.simulation.assembly import (
     make_control_loop,
     make_plant,
 )
-from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.lag_run import LagPlan
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.setup import load_setup

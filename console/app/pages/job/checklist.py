@@ -31,7 +31,7 @@ from topdress.control.agronomy.strips import (
 )
 from topdress.control.field.totals import Totals
 from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES
-from topdress.drivers.devices.registry import list_line_devices
+from topdress.drivers.devices.registry import list_devices
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Adopted
@@ -63,13 +63,7 @@ STRIP_TITLES = {
     "check": N_("NDVI {ndvi} as the farmer check of this job?"),
 }
 # Words for devices by their names in the frame.
-DEVICE_NAMES = {
-    "gnss": N_("GNSS"),
-    "heads": N_("canopy heads"),
-    "board": N_("drive board"),
-    "rate_module": N_("rate module"),
-    **{one.section: one.title for one in list_line_devices()},
-}
+DEVICE_NAMES = {one.section: one.title for one in list_devices()}
 
 
 class JobCheck(NamedTuple):
