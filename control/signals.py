@@ -45,6 +45,8 @@ class Signal(NamedTuple):
     # received. A number with this range is a field of `control.readings.Measurements`.
     possible: Range | None = None
     valid_for: ValidFor | None = None
+    # Time over which a diagnosis smooths it as an input of a stage, s; None: used as read.
+    smoothed_s: float | None = None
     # Name on the screen; empty: the column's own name.
     label: str = ""
     # Channels of one group share their scale on Trends.
@@ -79,6 +81,11 @@ _EPOCH = ValidFor(
 )
 _DRIVE = ValidFor(0.5, 0.5, 0.5)
 _TILT = ValidFor(1.0)
+# A supply and a mass change slowly.
+_SLOW_SMOOTHED_S = 1.5
+# Ground changes within a second what a drive carries: on rough ground (0.5 deg, correlated over
+# 3 s) the mean of three rows at 20 Hz is nearest to the pitch behind a sensor's noise (0.1 deg).
+_TILT_SMOOTHED_S = 0.1
 _HEAD = Signal(
     decimals=4,
     plausible=(-1.0, 1.0),
@@ -234,6 +241,7 @@ class LogRow(NamedTuple):
             plausible=(-60.0, 60.0),
             possible=(-180.0, 180.0),
             valid_for=_TILT,
+            smoothed_s=_TILT_SMOOTHED_S,
             label=N_("pitch"),
             group="tilt",
             rank=240,
@@ -252,6 +260,7 @@ class LogRow(NamedTuple):
             plausible=(-60.0, 60.0),
             possible=(-180.0, 180.0),
             valid_for=_TILT,
+            smoothed_s=_TILT_SMOOTHED_S,
             label=N_("roll"),
             group="tilt",
             rank=250,
@@ -265,6 +274,7 @@ class LogRow(NamedTuple):
         OptionalFloat,
         _SPEED._replace(
             valid_for=_EPOCH,
+            smoothed_s=_SLOW_SMOOTHED_S,
             label=N_("GNSS speed"),
             rank=50,
             term_label=N_("travel speed"),
@@ -401,6 +411,7 @@ class LogRow(NamedTuple):
             valid_for=ValidFor(
                 2.0, 1.0, 2.0, "The flow trim compares a mass with what has left since."
             ),
+            smoothed_s=_SLOW_SMOOTHED_S,
             label=N_("hopper"),
             rank=180,
             shown_as="mass",
@@ -429,7 +440,8 @@ class LogRow(NamedTuple):
             3,
             plausible=(0.0, 60.0),
             possible=(-1_000.0, 1_000.0),
-            valid_for=ValidFor(2.0),
+            valid_for=ValidFor(2.0, safety_s=2.0),
+            smoothed_s=_SLOW_SMOOTHED_S,
             label=N_("supply"),
             rank=260,
             term_label=N_("supply voltage"),

@@ -59,6 +59,9 @@ def read_recipe(title: str) -> Recipe:
     for part in re.split(r"^\d\. ", body, flags=re.MULTILINE)[1:]:
         first = part.split("`")[1]
         block = textwrap.dedent("\n".join(re.findall(r"^(?: {8}.*|)$", part, re.MULTILINE)))
+        example = re.search(r"\[Its text\]\((examples/\S+)\)", part)
+        if example is not None:
+            block = (ROOT / "docs" / example[1]).read_text(encoding="utf-8")
         is_command = part.startswith("Run ")
         steps.append(
             Step("", "", first) if is_command else Step(first, block.strip("\n") + "\n", "")

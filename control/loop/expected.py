@@ -10,6 +10,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.machine.term_sums import NO_TERMS, TermTotals
+from topdress.control.metering.inverse import Conditions
 from topdress.control.metering.strategies import Pair
 from topdress.control.readings import DriveCommand
 
@@ -39,25 +40,34 @@ class ExpectedDrives:
     def advance_drives(
         self,
         command: DriveCommand,
-        supply_v: float | None,
+        conditions: Conditions,
         dt_s: float,
         more: TermTotals = NO_TERMS,
     ) -> None:
-        """Advances the drives. `command`: without trims; `supply_v`: None where not measured;
+        """Advances the drives. `command`: without trims; `conditions`: the supply and the pitch;
         `more`: sums of the machine's terms."""
         if dt_s <= 0.0:
             return
-        supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
+        supply, pitch_deg = conditions.supply_v, conditions.pitch_deg
+        if supply is None:
+            supply = self._machine.shaft.nominal_supply_v
         if self._drives is not None:
             self.pair = Pair(
-                *self._drives.step_drives(command.shaft_rpm, command.opening_mm, supply, dt_s, more)
+                *self._drives.step_drives(
+                    command.shaft_rpm, command.opening_mm, supply, dt_s, more, pitch_deg
+                )
             )
             return
         self._shaft, shaft = step_shaft(
             self._machine.shaft,
             self._shaft,
             ShaftInput(
-                command.shaft_rpm, self.pair.opening_mm, supply, more.shaft_percent, more.shaft_rpm
+                command.shaft_rpm,
+                self.pair.opening_mm,
+                supply,
+                more.shaft_percent,
+                more.shaft_rpm,
+                pitch_deg,
             ),
             dt_s,
         )

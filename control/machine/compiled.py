@@ -69,6 +69,7 @@ for _piece in (
     shaft.follow_command,
     shaft.calc_effective_command_rpm,
     shaft.calc_settled_rpm,
+    shaft.calc_speed_factor,
     shaft.calc_dead_time_s,
     shaft.step_shaft,
     gate.step_gate,

@@ -84,6 +84,7 @@ def step_drives(
     rpm: float,
     opening_mm: float,
     supply_v: float,
+    pitch_deg: float,
     more: Any,
     dt_s: float,
 ) -> tuple[float, float]:
@@ -98,7 +99,7 @@ def step_drives(
     shaft, turned = step_shaft(
         shafts,
         _unpack_shaft(kept, lines),
-        ShaftInput(rpm, kept[12], supply_v, more[0], more[1]),
+        ShaftInput(rpm, kept[12], supply_v, more[0], more[1], pitch_deg),
         dt_s,
     )
     gate, stood = step_gate(gates, _unpack_gate(kept, lines), GateInput(opening_mm, more[2]), dt_s)
@@ -137,7 +138,10 @@ def step_tick(
     total = 0.0
     for k in range(len(rpm)):
         shaft, turned = step_shaft(
-            shafts, shaft, ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1]), dt_s
+            shafts,
+            shaft,
+            ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1], pitch_deg),
+            dt_s,
         )
         gate, stood = step_gate(gates, gate, GateInput(opening_mm, more[2]), dt_s)
         hopper, flow = step_flow(
@@ -209,6 +213,7 @@ class CompiledDrives:
         supply_v: float,
         dt_s: float,
         more: TermTotals = NO_TERMS,
+        pitch_deg: float = 0.0,
     ) -> tuple[float, float]:
         """Returns true speed, r/min, and opening, mm, at the end of a step of `dt_s` seconds."""
         found: tuple[float, float] = step_drives(
@@ -219,6 +224,7 @@ class CompiledDrives:
             rpm,
             opening_mm,
             supply_v,
+            pitch_deg,
             (more.shaft_percent, more.shaft_rpm, more.gate_mm),
             dt_s,
         )

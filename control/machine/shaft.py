@@ -350,6 +350,7 @@ class ShaftInput(NamedTuple):
     # Sum of the machine file's terms (`step_term`), %.
     more_percent: float = 0.0
     more_rpm: float = 0.0
+    pitch_deg: float = 0.0
 
 
 class ShaftState(NamedTuple):
@@ -616,6 +617,14 @@ def calc_settled_rpm(p: Shaft, beyond: float) -> float:
     return size / (1.0 + p.saturation_percent / (100.0 - p.saturation_percent) * size / p.full_rpm)
 
 
+def calc_speed_factor(p: Shaft, u: ShaftInput) -> float:
+    """Returns the factor on every speed of the shaft, without terms; metering divides by it."""
+    short_v = p.nominal_supply_v - u.supply_v
+    sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
+    droop = p.droop_percent * u.opening_mm / p.full_opening_mm
+    return abs(1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
+
+
 def step_shaft(
     p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float
 ) -> tuple[ShaftState, ShaftOutput]:
@@ -626,11 +635,7 @@ def step_shaft(
     set-point from 10 r/min up (lag paper, table 2).
     """
     late_s = calc_dead_time_s(p)
-    short_v = p.nominal_supply_v - u.supply_v
-    sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
-    droop = p.droop_percent * u.opening_mm / p.full_opening_mm
-    turns = abs(1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
-    turns *= 1.0 + u.more_percent / 100.0
+    turns = calc_speed_factor(p, u) * (1.0 + u.more_percent / 100.0)
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = put_in_line(s.line, s.time_s, u.command_rpm)
     rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s

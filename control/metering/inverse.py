@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from topdress.control.machine.flow import Flow, calc_common_factor, calc_grams_per_rev
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.shaft import Shaft
+from topdress.control.machine.shaft import Shaft, ShaftInput, calc_speed_factor
 from topdress.control.machine.term_sums import FrozenTerms
 from topdress.control.machine.terms import TermTarget
 
@@ -147,13 +147,11 @@ def find_shaft_rpm(
 def find_shaft_command(
     machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()
 ) -> float:
-    """Returns the command that turns the shaft at a true `wanted_rpm`, with known gain, sag,
-    droop and neutral point inverted. 0 stops the shaft."""
+    """Returns the command that turns the shaft at a true `wanted_rpm`, with its known
+    factor (`calc_speed_factor`) and neutral point inverted. 0 stops the shaft."""
     p = machine.shaft
-    kept = abs(1.0 + p.gain_percent / 100.0)
-    if c.supply_v is not None:
-        kept *= 1.0 - p.sag_percent_per_v * max(0.0, p.nominal_supply_v - c.supply_v) / 100.0
-    kept *= 1.0 - p.droop_percent * opening_mm / p.full_opening_mm / 100.0
+    supply_v = p.nominal_supply_v if c.supply_v is None else c.supply_v
+    kept = calc_speed_factor(p, ShaftInput(0.0, opening_mm, supply_v, pitch_deg=c.pitch_deg))
     command = _invert_shaft_curve(p, wanted_rpm / max(MIN_REMAINING_SHARE, kept))
     if c.terms is None:
         return command

@@ -402,7 +402,12 @@ class Plant:
                     shafts,
                     shaft_state,
                     ShaftInput(
-                        turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm
+                        turn_rpm,
+                        gate_out.opening_mm,
+                        supply,
+                        more.shaft_percent,
+                        more.shaft_rpm,
+                        pitch,
                     ),
                     step,
                 )

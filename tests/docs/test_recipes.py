@@ -18,7 +18,16 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "recipes.md").read_text(encoding="utf-8")
 ROOMS = ("topdress", "control", "drivers", "console", "configs", "schemas", "docs", "tests", ".ci")
 COMMANDS = {
+    "topdress effects --markdown docs/effects.md": (
+        sys.executable,
+        "-c",
+        "from topdress.console.cli import app; app()",
+        "effects",
+        "--markdown",
+        "docs/effects.md",
+    ),
     "python .ci/columns.py": (sys.executable, ".ci/columns.py"),
+    "python .ci/folders.py": (sys.executable, ".ci/folders.py"),
     "topdress check --write-schemas schemas": (
         sys.executable,
         "-c",
@@ -38,8 +47,16 @@ class Insertion(NamedTuple):
     text: str
 
 
-# A step is a number of insertions, or a command.
-Step = tuple[Insertion, ...] | str
+class Copy(NamedTuple):
+    """A folder that is copied, and the texts that are replaced in its files."""
+
+    file: str
+    source: str
+    texts: tuple[tuple[str, str], ...]
+
+
+# A step is a number of insertions, a copy of a folder, or a command.
+Step = tuple[Insertion, ...] | Copy | str
 
 
 class Recipe(NamedTuple):
@@ -249,7 +266,265 @@ assert "</svg>" in asyncio.run(draw(Picture("run", (120, 40), alarms=True)))
 assert SafetyLimits(**select_machine_limits(Limits(hopper_over_kg=3000.0))).hopper_over_kg == 3000.0
 """,
 )
-RECIPES = (SENSED, COMPUTED, ALARM)
+EFFECT = Recipe(
+    "An effect of the diagnosis",
+    (
+        (
+            Insertion(
+                "control/machine/shaft.py",
+                "    encoder_step_rpm: Annotated[",
+                """    slope_percent_per_deg: Annotated[
+        float,
+        Field(ge=-5, le=5),
+        Effect(
+            "shaft.slope",
+            "% more per degree nose up",
+            "Shaft turns faster or slower on a slope",
+            "On a slope the material weighs on the rollers more or less.",
+            "drives without an encoder: 0.5-2 % per degree",
+            ("run",),
+            "Let the drive hold its speed by an encoder.",
+            "Out and back on a slope at one shaft command.",
+            says=(
+                "Each degree uphill adds {size} % to the shaft's speed.",
+                "Each degree uphill takes {size} % off the shaft's speed.",
+            ),
+        ),
+    ] = 0.0
+""",
+            ),
+            Insertion(
+                "control/machine/shaft.py",
+                "    return abs(1.0 + p.gain_percent / 100.0) * (1.0 - sag",
+                "    droop -= p.slope_percent_per_deg * u.pitch_deg\n",
+            ),
+        ),
+        (
+            Insertion(
+                "control/diagnosis/effects.py",
+                "SHAFT_COARSE_ENCODER = ",
+                'SHAFT_SLOPE = EffectRow("shaft.slope", 1.0, (0.2,), form_over="pitch_deg")\n',
+            ),
+            Insertion(
+                "control/diagnosis/effects.py",
+                "        SHAFT_COARSE_ENCODER,\n",
+                "        SHAFT_SLOPE,\n",
+            ),
+        ),
+        (
+            Insertion(
+                "console/locale/zh/diagnosis.po",
+                "",
+                translate("Shaft turns faster or slower on a slope", "排肥轴随坡度变快或变慢")
+                + translate(
+                    "Each degree uphill adds {size} % to the shaft's speed.",
+                    "每上坡一度，轴速增加 {size} %。",
+                )
+                + translate(
+                    "Each degree uphill takes {size} % off the shaft's speed.",
+                    "每上坡一度，轴速减少 {size} %。",
+                )
+                + translate("Let the drive hold its speed by an encoder.", "用编码器稳定轴速。"),
+            ),
+        ),
+        (
+            Insertion(
+                "tests/machine/test_catalogue.py",
+                '    "shaft.stall": (',
+                '    "shaft.slope": (-5, 5, "% more per degree nose up"),\n',
+            ),
+        ),
+        (
+            Insertion(
+                "tests/diagnosis/hidden/nominal.py",
+                '    "shaft.stall": Kind(',
+                '    "shaft.slope": Kind(0, 0.2, 5.0, "%/deg", (), is_new=True),\n',
+            ),
+        ),
+        (
+            Insertion(
+                "tests/diagnosis/hidden/plant.py",
+                '            elif e.id == "shaft.stall":',
+                '            elif e.id == "shaft.slope":\n'
+                '                hill = shapes.tilted(self.fine("pitch_deg"), e.form, e.knob)\n'
+                "                factor = factor * (1 + size / 100 * hill)\n",
+            ),
+        ),
+        "topdress effects --markdown docs/effects.md",
+        "topdress check --write-schemas schemas",
+    ),
+    """
+from topdress.console.cli import app
+
+app(["simulate", "--seconds", "3", "--effect", "shaft.slope=1", "--out", "made.csv"],
+    standalone_mode=False)
+""",
+)
+CLOCK_PAGE = '''"""Shows the Clock screen: the time of the machine."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.widgets import Static
+from topdress.console.app.action import CLOCK, make_bindings
+from topdress.console.app.pages.base_page import Page
+from topdress.console.app.pages.clock.keys import ACTIONS
+from topdress.console.app.panel_views import RunView
+from topdress.console.locale import _
+
+
+class ClockScreen(Page):
+    """Shows the time."""
+
+    where: ClassVar[str] = CLOCK
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
+    decimals = 0
+
+    def compose_body(self) -> ComposeResult:
+        yield Static(id="clock")
+
+    def show_numbers(self, view: RunView) -> None:
+        """Show the time of the newest frame."""
+        super().show_numbers(view)
+        frame, _age_s = self.find_frame(self.app.clock())
+        time_s = 0.0 if frame is None else frame.row.time_s
+        self.query_one("#clock", Static).update(f"{_('time')} {time_s:.{self.decimals}f} s")
+
+    def toggle_tenths(self) -> None:
+        """Show tenths of a second, or hide them."""
+        self.decimals = 1 - self.decimals
+'''
+CLOCK_KEYS = '''"""Defines the keys of the Clock page."""
+
+from __future__ import annotations
+
+from topdress.console.app.action import CLOCK, Action, set_page
+from topdress.console.locale import N_
+
+ACTIONS = set_page(
+    CLOCK,
+    Action(
+        "clock_tenths",
+        "q_1",
+        "",
+        N_("tenths"),
+        N_("Shows tenths of a second, or hides them."),
+        lambda page: page.toggle_tenths(),
+    ),
+)
+'''
+NEW_PAGE = Recipe(
+    "A page",
+    (
+        (
+            Insertion(
+                "console/app/action.py",
+                "\n\nclass Action(NamedTuple):",
+                'CLOCK = "clock"\n',
+            ),
+        ),
+        (Insertion("console/app/pages/clock/page.py", "", CLOCK_PAGE),),
+        (Insertion("console/app/pages/clock/keys.py", "", CLOCK_KEYS),),
+        (
+            Insertion(
+                "console/app/pages/clock/__init__.py",
+                "",
+                '"""The Clock page shows the time of the machine.\n"""\n',
+            ),
+        ),
+        (
+            Insertion(
+                "console/app/actions.py",
+                "from topdress.console.app.pages.devices import",
+                "from topdress.console.app.pages.clock import keys as clock\n",
+            ),
+            Insertion("console/app/actions.py", "    *common.ACTIONS,\n", "    *clock.ACTIONS,\n"),
+        ),
+        (
+            Insertion(
+                "console/app/pages/page_registry.py",
+                "    DEVICES,\n    DIAGNOSIS,",
+                "    CLOCK,\n",
+            ),
+            Insertion(
+                "console/app/pages/page_registry.py",
+                '    SETTINGS: "SettingsScreen",',
+                '    CLOCK: "ClockScreen",\n',
+            ),
+        ),
+        (
+            Insertion("console/app/common_keys.py", "    DEVICES,\n    DIAGNOSIS,", "    CLOCK,\n"),
+            Insertion(
+                "console/app/common_keys.py",
+                '    Action(\n        "settings_screen",',
+                """    Action(
+        "clock_screen",
+        "ctrl+g",
+        "^G",
+        N_("clock"),
+        N_("The time of the machine."),
+        lambda app: app.turn_to_page(CLOCK),
+        locked=True,
+    ),
+""",
+            ),
+        ),
+        (
+            Insertion("console/app/tablet.py", "    DIAGNOSIS,\n    MAP,", "    CLOCK,\n"),
+            Insertion("console/app/tablet.py", "MAP, TRENDS, REPLAY})", "CLOCK, "),
+        ),
+        (
+            Insertion(
+                "console/locale/zh/clock.po",
+                "",
+                'msgid ""\nmsgstr ""\n"Language: zh\\n"\n'
+                '"Content-Type: text/plain; charset=UTF-8\\n"\n'
+                + translate("clock", "时钟")
+                + translate("The time of the machine.", "机器时间。")
+                + translate("tenths", "十分之一")
+                + translate("Shows tenths of a second, or hides them.", "显示或隐藏十分之一秒。"),
+            ),
+        ),
+        (Insertion("tests/app/gallery.py", "    alarm-list-100x30!", "    clock-120x40-day\n"),),
+        (
+            Insertion(
+                "docs/screens/README.md",
+                "| Settings | `F11` |",
+                "| Clock | `^G` | the time of the machine |\n",
+            ),
+        ),
+        "python .ci/folders.py",
+    ),
+    """
+import asyncio
+from tests.app.gallery import Picture, draw
+
+picture = asyncio.run(draw(Picture("clock", (120, 40), screen="clock")))
+assert "time" in picture and "clock" in picture
+""",
+)
+LANGUAGE = Recipe(
+    "A language",
+    (
+        Copy(
+            "console/locale/de/*.po",
+            "console/locale/zh",
+            (("Language: zh", "Language: de"), ("暂停", "halten")),
+        ),
+        (Insertion("drivers/files/settings.py", '"zh"] = "auto"', '"de", '),),
+        (Insertion("console/app/pages/settings/page.py", '"zh": "中文"}', '"de": "Deutsch", '),),
+        "topdress check --write-schemas schemas",
+    ),
+    """
+import asyncio
+from tests.app.gallery import Picture, draw
+
+assert "halten" in asyncio.run(draw(Picture("de", (120, 40), language="de", screen="run")))
+""",
+)
+RECIPES = (SENSED, COMPUTED, ALARM, EFFECT, NEW_PAGE, LANGUAGE)
 
 
 def read_section(title: str) -> str:
@@ -295,9 +570,18 @@ def make_step(tree: Path, step: Step) -> None:
         # A command that stops says by itself that a step before it is missing.
         run(tree, *COMMANDS[step])
         return
+    if isinstance(step, Copy):
+        made = Path(shutil.copytree(tree / step.source, (tree / step.file).parent))
+        for path in made.iterdir():
+            text = path.read_text(encoding="utf-8")
+            for old, new in step.texts:
+                text = text.replace(old, new)
+            path.write_text(text, encoding="utf-8")
+        return
     for file, before, text in step:
         path = tree / file
-        old = path.read_text(encoding="utf-8")
+        path.parent.mkdir(exist_ok=True)
+        old = path.read_text(encoding="utf-8") if path.exists() else ""
         assert before == "" or old.count(before) == 1, f"{file}: {before!r}"
         path.write_text(old + text if before == "" else old.replace(before, text + before))
 
@@ -323,9 +607,19 @@ def test_steps_are_those_of_the_page(recipe: Recipe) -> None:
     texts = read_steps(recipe.title)
     assert len(texts) == len(recipe.steps)
     for text, step in zip(texts, recipe.steps, strict=True):
-        named = {step} if isinstance(step, str) else {one.file for one in step}
+        named = (
+            {step}
+            if isinstance(step, str)
+            else {step.file}
+            if isinstance(step, Copy)
+            else {one.file for one in step}
+        )
         first = re.match(r"`([^`]+)`", text)
-        assert first is not None and named == {first[1]}
+        assert first is not None
+        path = first[1]
+        for word, example in {"STAGE": "shaft", "NAME": "clock", "CODE": "de"}.items():
+            path = path.replace(word, example)
+        assert named == {path}
     assert read_checks(recipe.title)
 
 

@@ -19,7 +19,8 @@ def test_every_dependency_has_its_line():
     wanted = [*project["dependencies"], *(name for extra in extras for name in extra)]
     lines = [
         line.split("|")
-        for line in (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").split("\n")
+        for page in ("docs/dependencies.md", "CONTRIBUTING.md")
+        for line in (ROOT / page).read_text(encoding="utf-8").split("\n")
     ]
     named = {
         name

@@ -16,7 +16,7 @@ from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, VALID_
 from topdress.control.readings import SENSED_COLUMNS, Measurements
 from topdress.control.signals import SIGNALS, VALID_FOR, Signal
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.cab import BOARD_READINGS
+from topdress.drivers.devices.slave_board import BOARD_READINGS
 from topdress.drivers.files.foreign import LOSSES
 
 ROOT = Path(__file__).parents[2]
@@ -162,3 +162,22 @@ def test_measurements_have_no_undeclared_reading() -> None:
         name for name, kind in Measurements.__annotations__.items() if "Reading | None" in str(kind)
     } - {"ndvi"}
     assert readings == {*SENSED_COLUMNS, "rate_asked", "rate_applied"}
+
+
+def test_inputs_of_stages_are_smoothed_as_declared() -> None:
+    """No stage of the diagnosis smooths an input by a time of its own."""
+    runs = ROOT / "control" / "diagnosis" / "runs"
+    callers = {
+        path.stem
+        for path in runs.glob("*.py")
+        if "smooth_series(" in path.read_text(encoding="utf-8")
+    }
+    # The drives only look for a shaft that stands.
+    assert callers == {"grid", "drives"}
+    assert {name for name, one in SIGNALS.items() if one.smoothed_s is not None} == {
+        "hopper_kg",
+        "pitch_deg",
+        "roll_deg",
+        "speed_mps",
+        "supply_v",
+    }

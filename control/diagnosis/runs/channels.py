@@ -139,6 +139,7 @@ def simulate_drive_rows(drive: Drive) -> RowPredictor:
             command_rpm=command,
             opening_mm=drive.loads_mm,
             supply_v=drive.supply_v,
+            pitch_deg=drive.pitch_deg,
             more_percent=drive.more,
             more_rpm=drive.more_rpm,
         )

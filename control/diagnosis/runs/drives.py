@@ -77,6 +77,7 @@ class Drive(NamedTuple):
     # Opening that loads the shaft in a row, mm.
     loads_mm: Array
     supply_v: Array
+    pitch_deg: Array
     grid: Grid
     # Step of the readings where it is coarser than the log's digits, else 0.
     step: float = 0.0
@@ -342,6 +343,7 @@ def _make_drive(
         measured[pick],
         every.loads_mm[pick],
         every.supply_v[pick],
+        every.pitch_deg[pick],
         grid,
         moves_seen=bool(np.mean(every.lost) < MAX_LOST_SHARE) and not quick.any() and not settled,
         settled=settled,

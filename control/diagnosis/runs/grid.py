@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from topdress.control.signals import SIGNALS
 
 Array = npt.NDArray[np.float64]
 
@@ -19,9 +20,14 @@ WINDOW_COUNT = 5
 MAX_ROWS = 5 * WINDOW_ROWS
 # Between the windows, one of this many rows is kept: every two seconds at 10 Hz.
 ROW_STRIDE = 20
-# Smoothing time of slow sensors that are inputs, s: shorter than a change of slope or supply
-# voltage.
+# Smoothing time of a slow sensor, s.
 SMOOTH_S = 1.5
+# Time over which a running mean smooths each measured input of a stage, s. Commands, readings of
+# the drives and the heading are used as read; columns that are not declared are smoothed like the
+# supply.
+INPUT_SMOOTHING_S = {
+    name: one.smoothed_s for name, one in SIGNALS.items() if one.smoothed_s is not None
+}
 # Longest bridged gap in steps; at 10 Hz, the time for which a log holds a drive's reading.
 MAX_BRIDGED_STEPS = 5.0
 # Maximum deviation of rows from an even grid, in steps, for the rows to be used without
@@ -112,8 +118,14 @@ def bridge_gaps(time: Array, series: Array, instead: Array, longest_s: float = n
     return np.where(~known & (gap_s > longest_s) & np.isfinite(instead), instead, bridged)
 
 
-def smooth_series(series: Array, step_s: float) -> Array:
-    half = int(round(0.5 * SMOOTH_S / step_s))
+def smooth_input(name: str, series: Array, step_s: float) -> Array:
+    """Return an input of a stage, smoothed as `INPUT_SMOOTHING_S` says."""
+    return smooth_series(series, step_s, INPUT_SMOOTHING_S.get(name, SMOOTH_S))
+
+
+def smooth_series(series: Array, step_s: float, span_s: float = SMOOTH_S) -> Array:
+    """Return the running mean of a series over `span_s`."""
+    half = int(round(0.5 * span_s / step_s))
     if half < 1:
         return series
     padded = np.concatenate((np.full(half, series[0]), series, np.full(half, series[-1])))

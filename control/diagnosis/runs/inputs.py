@@ -19,7 +19,7 @@ from topdress.control.machine.term_sums import (
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 from topdress.control.recordings.times import GAP_STEPS
 
-from .grid import bridge_gaps, hold_last_value, smooth_series
+from .grid import bridge_gaps, hold_last_value, smooth_input
 from .log import CleanLog
 
 Array = npt.NDArray[np.float64]
@@ -49,8 +49,9 @@ class LogRows(NamedTuple):
     opening_mm: Array
     # Opening between this row and the next that loads the shaft, mm.
     loads_mm: Array
-    # Smoothed like the pitch, V.
+    # Smoothed (`INPUT_SMOOTHING_S`), V.
     supply_v: Array
+    # Smoothed, deg.
     pitch_deg: Array
     # 1 while working, else 0: from the log's state, or from whether the shaft turns.
     working: Array
@@ -81,8 +82,10 @@ def make_log_rows(log: CleanLog, machine: Machine) -> LogRows:
         shaft_rpm,
         opening_mm,
         find_loading_opening_mm(time, opening_mm, machine),
-        smooth_series(supply_v, log.step_s),
-        smooth_series(bridge_gaps(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+        smooth_input("supply_v", supply_v, log.step_s),
+        smooth_input(
+            "pitch_deg", bridge_gaps(time, c["pitch_deg"], np.zeros(len(time))), log.step_s
+        ),
         working.astype(np.float64),
         np.zeros(len(time), bool) if log.held else find_lost_commands(time, log.step_s),
     )
@@ -149,7 +152,8 @@ def read_slow_sensors(log: CleanLog, every: LogRows) -> dict[str, Array]:
     }
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
         if log.has_column(name):
-            found[name] = smooth_series(
+            found[name] = smooth_input(
+                name,
                 bridge_gaps(every.time_s, log.columns[name], np.zeros(len(every.time_s))),
                 log.step_s,
             )

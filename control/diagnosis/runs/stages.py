@@ -14,7 +14,7 @@ from topdress.control.machine.term_sums import sum_over_log
 
 from .drives import Drive, read_drives
 from .effort import DriveEffort, read_efforts
-from .grid import bridge_gaps, select_known_rows, smooth_series
+from .grid import bridge_gaps, select_known_rows, smooth_input
 from .hopper import Hopper, list_noted_refills, read_hopper
 from .inputs import list_variables, make_log_rows, make_term_inputs
 from .log import HEAD_COLUMNS, CleanLog
@@ -61,7 +61,7 @@ def make_run_data(log: CleanLog, machine: Machine) -> RunData:
     hopper = speed = heads = None
     driven = read_drives(log, every, machine, whole=False)
     further = {
-        name: smooth_series(bridge_gaps(time, series, series), log.step_s)
+        name: smooth_input(name, bridge_gaps(time, series, series), log.step_s)
         for name, series in log.further.items()
     }
     if "flow" in log.stages:

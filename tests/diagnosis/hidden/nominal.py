@@ -76,6 +76,9 @@ class Kind(NamedTuple):
     seen: tuple[str, ...]
     # False: the size is drawn from [guess, most], its z is what comes out
     by_z: bool = True
+    # True: it shows in a run, and came after the timetable, whose cases stay as they are;
+    # tests/diagnosis/test_new_effects.py asks for it
+    is_new: bool = False
 
 
 IDS: dict[str, Kind] = {

@@ -16,6 +16,8 @@ from scipy.signal import lfilter
 from . import nominal as nom
 
 Floats = npt.NDArray[np.float64]
+# Rough ground, as on the demonstration field: s.d. of the pitch, deg, and how long it holds, s.
+ROUGH_DEG, ROUGH_S = 0.5, 3.0
 
 
 class Programme(NamedTuple):
@@ -446,7 +448,8 @@ def drive(p: Programme, seed: int) -> Drive:
     uphill = rng.uniform(0, 360)
     pitch = (
         slope * np.cos(np.radians(heading - uphill)) * (1 + 0.3 * _by_place(rng, place, 60.0))
-        + 0.7 * rough
+        + 0.4 * rough
+        + _shaken(np.random.default_rng([seed, 12]), t.size, row_s)
     )
     cross = rng.uniform(1.5, 3.5)
     bank = 0.5 * np.sin(np.radians(heading - uphill + 40)) + _by_place(rng, place, 35.0)
@@ -531,6 +534,15 @@ def drive(p: Programme, seed: int) -> Drive:
 def _smooth(x: Floats, step: float, tau: float) -> Floats:
     a = np.exp(-step / tau)
     return np.asarray(lfilter([1 - a], [1, -a], x, zi=[a * x[0]])[0])
+
+
+def _shaken(rng: np.random.Generator, count: int, row_s: float) -> Floats:
+    """Pitch of a tractor on rough ground (rows,), deg: first-order noise, as rough from row to
+    row as over seconds."""
+    keep = np.exp(-row_s / ROUGH_S)
+    fresh = ROUGH_DEG * rng.normal(size=count)
+    fresh[1:] *= np.sqrt(1.0 - keep * keep)
+    return np.asarray(lfilter([1.0], [1.0, -keep], fresh))
 
 
 def _by_place(rng: np.random.Generator, place: Floats, correlation_m: float) -> Floats:

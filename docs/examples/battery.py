@@ -1,0 +1,51 @@
+"""What voltage does the battery monitor report? It sends `$PTBAT,12.61*hh` in volts."""
+
+from __future__ import annotations
+
+from topdress.control.readings import Reading
+from topdress.control.signals import N_
+from topdress.drivers.devices.device import LineConfig, LineDevice
+from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
+from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
+
+
+class BatteryConfig(LineConfig):
+    """Describes the battery monitor."""
+
+
+class BatteryDecoder(LineDecoder[Reading]):
+    """Decodes voltages. Counted as rejected: `bad_checksum`, `garbage`, `impossible_value`."""
+
+    framed = True
+
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[Reading]:
+        body, _, checksum = sentence.strip().partition(b"*")
+        if checksum != b"%02X" % calc_checksum(body):
+            raise Rejected("bad_checksum")
+        name, _, number = body.partition(b",")
+        if name != b"PTBAT":
+            raise Foreign("other_sentence")
+        try:
+            volts = float(number)
+        except ValueError:
+            raise Rejected("garbage") from None
+        if not 0.0 <= volts <= 60.0:
+            raise Rejected("impossible_value")
+        return [Reading(volts, time_s)]
+
+
+def make_example() -> bytes:
+    """Returns forty voltages."""
+    return b"".join(seal_sentence(f"PTBAT,{12.0 + tick / 100.0:.2f}") for tick in range(40))
+
+
+DEVICE = LineDevice(
+    section="battery",
+    title=N_("battery monitor"),
+    protocol="battery/1",
+    config=BatteryConfig,
+    make_decoder=lambda config: BatteryDecoder(),
+    find_measurements=lambda reading: {"supply_v": reading},
+    make_record=lambda reading: {"supply_v": reading.value},
+    make_example=make_example,
+)
