@@ -143,14 +143,15 @@ def draw_order(r: random.Random) -> tuple[str, Any]:
     return do.value, value()
 
 
-def draw_day(seed: int, kinds: Iterable[str] = (), faults_end_s: float = FAULTS_END_S) -> Day:
+def draw_day(seed: int, kinds: Iterable[str] = (), faults_end_s: float | None = None) -> Day:
     """Returns the day of a seed.
 
     Parameters
     ----------
     seed : every number of the day comes from it.
     kinds : names of `DRAWS` that this day must have, as the steering by coverage asks for.
-    faults_end_s : a shorter day has the same events sooner after each other.
+    faults_end_s : end of all faults; None: by the seed. A shorter day has the same events sooner
+    after each other.
     """
     r = random.Random(seed)
     calm = r.random() < 0.1 and not kinds
@@ -174,6 +175,8 @@ def draw_day(seed: int, kinds: Iterable[str] = (), faults_end_s: float = FAULTS_
         for kind in kinds:
             farm, simulated, more = draw_kind(r, kind, farm, simulated)
             events += more
+    drawn_s = FAULTS_END_S if calm else r.choice([30.0, 30.0, 50.0, FAULTS_END_S])
+    faults_end_s = faults_end_s or drawn_s
     pace = faults_end_s / FAULTS_END_S
     events = [event._replace(at_s=round(pace * event.at_s, 3)) for event in events]
     hz = r.choice([5.0, 10.0, 10.0, 20.0])
