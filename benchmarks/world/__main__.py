@@ -22,6 +22,9 @@ from world.run import Outcome, run_day
 from world.shrink import breaks_as_before, shrink_day
 from world.visits import Coverage
 
+# End of the faults of a quick day, s, and its ticks a second.
+QUICK_S, QUICK_HZ = 30.0, 5.0
+
 
 def parse_arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     """Returns the options of the command line."""
@@ -31,6 +34,7 @@ def parse_arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, help="as many days as begin within this time")
     parser.add_argument("--by-seed-alone", action="store_true", help="no steering by coverage")
     parser.add_argument("--first-failure", action="store_true", help="end with the first failure")
+    parser.add_argument("--quick", action="store_true", help="days of 70 s, five ticks a second")
     parser.add_argument("--twice", action="store_true", help="compare two runs of every day")
     parser.add_argument("--seed", type=int, help="one day")
     parser.add_argument("--kinds", default="", help="further draws of this day")
@@ -60,6 +64,8 @@ def run_many(options: argparse.Namespace) -> int:
     for seed in range(options.first, options.first + count):
         kinds = () if options.by_seed_alone else coverage.choose_kinds(seed)
         day = draw_day(seed, kinds)
+        if options.quick:
+            day = draw_day(seed, kinds, QUICK_S)._replace(hz=QUICK_HZ)
         outcome = run_day(day, coverage)
         days, simulated_s = days + 1, simulated_s + outcome.simulated_s
         if options.twice and run_day(day).digests != outcome.digests:

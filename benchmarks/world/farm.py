@@ -151,7 +151,9 @@ class LyingPlant:
         now_s = self.plant.time_s
         for lie in self.lies:
             if lie.name == "shaft_turns_rpm":
-                command, enabled = command._replace(shaft_rpm=lie.size), enabled or lie.size > 0.0
+                command, enabled = command._replace(shaft_rpm=lie.size), True
+            elif lie.name == "shaft_stands":
+                command = command._replace(shaft_rpm=0.0)
             elif lie.name == "shaft_turns_times":
                 command = command._replace(shaft_rpm=lie.size * command.shaft_rpm)
             elif lie.name == "gate_stands_mm":

@@ -76,7 +76,7 @@ LASTING_INTERLOCKS = {
 }
 
 
-class Broken(Exception):
+class Broken(BaseException):
     """Reports a promise that does not hold."""
 
     def __init__(self, promise: str, text: str) -> None:
@@ -175,12 +175,15 @@ class Promises:
     def states_change_as_the_table_says(self, m: Moment) -> None:
         """States change along the arrows of the table only; several orders in a tick make
         several."""
-        before = m.state_before
-        if before in (None, m.state) or sum(one.accepted for one in m.orders) > 1:
+        before, accepted = m.state_before, sum(one.accepted for one in m.orders)
+        if before in (None, m.state) or accepted > 1:
             return
-        if (before, m.state) not in ALLOWED_CHANGES and not (
-            before == "off" and m.state == "fault"
-        ):
+        ways = ALLOWED_CHANGES | {("off", "fault")}
+        # An order and a cause may both act in a tick.
+        between = accepted and any(
+            (before, state) in ways and (state, m.state) in ways for state in State
+        )
+        if not between and (before, m.state) not in ways:
             raise Broken("states_change_as_the_table_says", f"{before} -> {m.state}")
 
     def work_needs_start(self, m: Moment) -> None:

@@ -83,7 +83,8 @@ LIES: dict[str, tuple[Any, ...]] = {
     "heads_read": (0.0, 0.96, 0.3),
     "scale_reads_kg": (0.0, 150.0),
     # Drives: r/min or mm whatever the command, or a factor.
-    "shaft_turns_rpm": (0.0, 70.0),
+    "shaft_turns_rpm": (30.0, 70.0),
+    "shaft_stands": (True,),
     "shaft_turns_times": (0.6, 1.4),
     "gate_stands_mm": (0.0, 4.0, 60.0),
     "driver_fault": (True,),

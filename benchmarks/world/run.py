@@ -230,6 +230,8 @@ class World:
     def _note_answers(self, queue: Callable[..., bool]) -> Callable[..., bool]:
         def queue_request(what: Any, reply: Any, by: str = "") -> bool:
             sent_s = self.now_s
+            if isinstance(what, Order) and not by.startswith("console"):
+                raise Broken("orders_need_the_key", f"{what} by {by}")
 
             def noted(answer: Any, extra: dict[str, Any]) -> None:
                 if isinstance(what, Order):
