@@ -247,7 +247,7 @@ def _draw_calibration(r: random.Random) -> Event:
     return Event(
         _when(r),
         "calibrate",
-        [r.choice([5.0, 20.0, 60.0]), r.choice([None, 30.0, 500.0]), r.choice([None, 12.0])],
+        [r.choice([5.0, 20.0, 60.0]), r.choice([None, 30.0, 70.0, 500.0]), r.choice([None, 12.0])],
         r.choice([0.3, 2.0, 8.0, 25.0]),
     )
 

@@ -56,6 +56,8 @@ START_AGAIN_S = 0.5
 SETTLES_S = 12.0
 # Speed of reversing, m/s.
 BACK_MPS = -1.5
+# Time until the tractor stands, s.
+STANDS_S = 5.0
 # Interval at which a console repeats the order of a button that is down, s.
 REPEAT_S = 0.2
 
@@ -457,9 +459,9 @@ class World:
             self._check_stops(console)
         if self._held_keys and self.now_s >= self._repeat_due_s:
             self._repeat_due_s = self.now_s + REPEAT_S
+            self._held_keys = [held for held in self._held_keys if held[0] > self.now_s]
             for _end_s, do, value in self._held_keys:
                 self._send_order(0, do, value)
-            self._held_keys = [held for held in self._held_keys if held[0] > self.now_s]
 
     def _check_stops(self, console: SimulatedConsole) -> None:
         """Every STOP is answered within 0.5 s."""
@@ -565,16 +567,29 @@ class World:
         self._driver_until_s = self.now_s + event.lasts_s
 
     def _act_held_start(self, event: Event) -> None:
-        self._held_keys.append((self.now_s + event.lasts_s, "start", True))
+        self._act_hold_key(event._replace(what=["start", True]))
 
     def _act_calibrate(self, event: Event) -> None:
+        """Makes a catch test: STOP, READY at standstill, and the button held down."""
         seconds, rpm, mm = event.what
-        self._held_keys.append((self.now_s + event.lasts_s, "calibrate", seconds))
-        for do, value in (("calibrate_shaft", rpm), ("calibrate_opening", mm)):
-            if value is not None:
-                self._events.append(Event(self.now_s + 0.2, "order", [0, do, value]))
-        self._events.append(Event(self.now_s + event.lasts_s + 0.05, "key", "release"))
+        begin_s = self.now_s + STANDS_S
+        self._events += [
+            Event(self.now_s, "key", "stop"),
+            Event(begin_s - 0.6, "key", "acknowledge"),
+            Event(begin_s - 0.3, "key", "ready"),
+            Event(begin_s, "hold_key", ["calibrate", seconds], event.lasts_s),
+            *(
+                Event(begin_s + 0.4, "order", [0, do, value])
+                for do, value in (("calibrate_shaft", rpm), ("calibrate_opening", mm))
+                if value is not None
+            ),
+            Event(begin_s + event.lasts_s + 0.05, "key", "release"),
+        ]
         self._events.sort(key=lambda one: one.at_s)
+
+    def _act_hold_key(self, event: Event) -> None:
+        do, value = event.what
+        self._held_keys.append((self.now_s + event.lasts_s, do, value))
 
     def _act_ask(self, event: Event) -> None:
         self.consoles[0].send_request(self.now_s, {"ask": event.what})
