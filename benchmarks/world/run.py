@@ -28,11 +28,14 @@ from topdress.control.orders import Do, Order, State
 from topdress.drivers import day_clock
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import FLUSH_PERIOD_S, RunLogWriter
+from topdress.drivers.files.run_meta import read_sidecar_meta
 
 from world.disk import FaultyDisk, PowerCut
 from world.farm import BIN_M, PARKED_STATES, FarmMachine, load_farm, make_files
 from world.invariants import (
+    FLOW_ENDS_S,
     LASTING_INTERLOCKS,
+    NO_FLOW_KG_S,
     RECOVERS_S,
     STOP_S,
     TWICE_M,
@@ -282,6 +285,7 @@ class World:
         self.disk.lose_unsynced()
         self.trace.append(f"{self.now_s:7.2f} POWER CUT")
         self._check_log(full=False)
+        self._check_files()
         self._is_same_job = not self._disk_was_struck
         away_s, _, back_s = self._cut
         self._cut = None
@@ -304,11 +308,9 @@ class World:
             self.now_s += 0.1
             self.machine.advance(True)
             flow = self.machine.ground.flow_kg_s
-            if (
-                self.now_s - begin_s > 3.0
-                and flow > 2e-3
-                and not disobeys(self.machine.active_lies)
-            ):
+            if disobeys(self.machine.active_lies):
+                begin_s = self.now_s
+            if self.now_s - begin_s > FLOW_ENDS_S and flow > NO_FLOW_KG_S:
                 raise Broken("a_dead_worker_means_no_flow", f"{flow:.4f} kg/s")
         while self._events and self._events[0].at_s < self.now_s:
             self._drop_event(self._events.pop(0))
@@ -337,6 +339,21 @@ class World:
         missing = self.host._ticks - self._failed_ticks - len(times)
         if not self._disk_was_struck and missing > (1 if full else 2.0 * self.day.hz):
             raise Broken("log_is_readable", f"{missing} rows of {self.host._ticks} missing")
+
+    def _check_files(self) -> None:
+        """Every snapshot is readable after a cut, and every log of more than 2 s has its
+        description."""
+        if self._disk_struck_ever:
+            return
+        for path in self.log_paths[-1].parent.glob("*.resume.json"):
+            try:
+                resume.read_snapshot(path)
+            except ValueError as error:
+                raise Broken("files_are_readable", str(error)) from None
+        log = self.log_paths[-1]
+        old = self.host._ticks > 2.5 * self.day.hz
+        if old and log.exists() and read_sidecar_meta(log) is None:
+            raise Broken("files_are_readable", f"{log.name} has no description")
 
     def _check_ground(self) -> None:
         """No ground of an earlier part of the job gets material again, beyond 2 m for each cut.
