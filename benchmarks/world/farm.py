@@ -26,6 +26,8 @@ from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.faults import LINE_FAULTS, PortFaults, ServedLine
 from topdress.drivers.virtual.machine import VirtualMachine
 
+from world.invariants import disobeys
+
 ROOT = Path(__file__).resolve().parents[2]
 DAY = dt.date(2026, 4, 1)
 # Longest step of the plant, s: one reading of each sensor for each tick.
@@ -266,6 +268,8 @@ class FarmMachine:
             clock(),
         )
         self.asked_kg_ha: float | None = 180.0
+        # Time at which a drive last turned by itself, s.
+        self.disobeyed_s = -math.inf
         self._asked_due_s = 0.0
         self.restart_board()
 
@@ -308,6 +312,8 @@ class FarmMachine:
         """Advances everything to the present."""
         now_s = self._clock()
         lies = self.lying.lies
+        if disobeys(self.active_lies):
+            self.disobeyed_s = now_s
         if lies and min(lie.end_s for lie in lies) <= now_s:
             self.lying.lies = [lie for lie in lies if lie.end_s > now_s]
         if self._faults and min(end_s for *_, end_s in self._faults) <= now_s:

@@ -115,6 +115,8 @@ class Moment(NamedTuple):
     true_kg: float
     true_speed_mps: float
     lies: tuple[str, ...]
+    # Time at which a drive last turned by itself, s.
+    disobeyed_s: float
     line_faults: tuple[str, ...]
     disk_struck: bool
     reported: frozenset[str]
@@ -157,8 +159,9 @@ class Promises:
 
     def no_flow_but_where_allowed(self, m: Moment) -> None:
         """Nothing flows 3 s after flow was last allowed, whatever line, worker or console do."""
-        if not m.frame.why_no_flow or m.state == State.CALIBRATING or disobeys(m.lies):
+        if not m.frame.why_no_flow or m.state == State.CALIBRATING:
             self._allowed_s = m.now_s
+        self._allowed_s = max(self._allowed_s, m.disobeyed_s)
         if m.flow_kg_s > NO_FLOW_KG_S and m.now_s - self._allowed_s > FLOW_ENDS_S:
             raise Broken(
                 "no_flow_but_where_allowed",

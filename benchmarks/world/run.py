@@ -43,7 +43,6 @@ from world.invariants import (
     Broken,
     Moment,
     Promises,
-    disobeys,
 )
 from world.network import Listener, Selector, SimulatedConsole
 from world.plan import Day, Event
@@ -308,9 +307,8 @@ class World:
             self.now_s += 0.1
             self.machine.advance(True)
             flow = self.machine.ground.flow_kg_s
-            if disobeys(self.machine.active_lies):
-                begin_s = self.now_s
-            if self.now_s - begin_s > FLOW_ENDS_S and flow > NO_FLOW_KG_S:
+            since_s = max(begin_s, self.machine.disobeyed_s)
+            if self.now_s - since_s > FLOW_ENDS_S and flow > NO_FLOW_KG_S:
                 raise Broken("a_dead_worker_means_no_flow", f"{flow:.4f} kg/s")
         while self._events and self._events[0].at_s < self.now_s:
             self._drop_event(self._events.pop(0))
@@ -735,6 +733,7 @@ class World:
             ground.kg,
             ground.speed_mps,
             self.machine.active_lies,
+            self.machine.disobeyed_s,
             self.machine.active_faults,
             self._disk_was_struck,
             frozenset(one for one in self.host._reported if "InjectedError" not in one),
