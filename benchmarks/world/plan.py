@@ -310,7 +310,8 @@ DRAWS: dict[str, tuple[float, Callable[[random.Random], Event]]] = {
     "reset": (0.25, lambda r: Event(_when(r), "reset")),
     "disk": (0.4, _draw_disk),
     "cut": (0.35, _draw_cut),
-    "restart": (0.15, lambda r: Event(_when(r, 10.0), "restart", r.choice(FARMS))),
+    # The program is ended and started with another job, or with the same.
+    "restart": (0.2, lambda r: Event(_when(r, 10.0), "restart", r.choice([*FARMS, ""]))),
     "drive": (
         0.5,
         lambda r: Event(

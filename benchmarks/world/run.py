@@ -179,7 +179,8 @@ class World:
         log.parent.mkdir(exist_ok=True)
         earlier = next(resume.find_open_jobs(log.parent, self.read_utc()), None)
         if self._wants_farm:
-            self._farm, self._wants_farm, earlier = self._wants_farm, "", None
+            earlier = earlier if self._wants_farm == self._farm else None
+            self._farm, self._wants_farm = self._wants_farm, ""
             self._files = make_files(self.folder, self._farm, self.day.simulated)
         options = Options(
             self._files,
@@ -268,7 +269,8 @@ class World:
         """Ends a part whose worker has ended in order."""
         self.link.close_link()
         self.link.run()
-        self._is_same_job = not self._disk_was_struck and not self._wants_farm
+        stays = self._wants_farm in ("", self._farm)
+        self._is_same_job = not self._disk_was_struck and stays
         self._kg_at_cut = self.assembly.loop.totals.applied_kg
         self._check_log(full=not self._disk_was_struck)
         self.machine.cut_lines()
@@ -674,7 +676,7 @@ class World:
         self._faulty_until_s = max(self._faulty_until_s, self.now_s + event.lasts_s)
 
     def _act_restart(self, event: Event) -> None:
-        self._wants_farm = event.what
+        self._wants_farm = event.what or self._farm
         self.consoles[0].send_request(self.now_s, {"ask": "quit"})
 
     # The following methods judge.
