@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from topdress.control.signals import SIGNALS, VALID_FOR
 from topdress.control.signals import LogRow as LogRow
@@ -37,3 +37,30 @@ PLAUSIBLE_RANGES = {
 EXACT_COLUMNS = frozenset(name for name, one in SIGNALS.items() if one.exact)
 # Measured and derived values have more decimals than any sensor resolves.
 DECIMALS = {name: one.decimals for name, one in SIGNALS.items() if one.decimals is not None}
+
+
+def make_row_schema() -> dict[str, Any]:
+    """Returns the JSON schema (2020-12) of a row of a run log: type, unit, plausible range and
+    meaning of each column."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Row of a run log",
+        "type": "object",
+        "properties": {
+            name: {
+                "type": [
+                    "string"
+                    if name in TEXT_COLUMNS
+                    else "integer"
+                    if name in WHOLE_COLUMNS
+                    else "number",
+                    "null",
+                ],
+                **({"unit": one.unit} if one.unit else {}),
+                **({"plausible": list(one.plausible)} if one.plausible else {}),
+                "description": one.meaning,
+            }
+            for name, one in SIGNALS.items()
+        },
+        "required": ["time_s"],
+    }

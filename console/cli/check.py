@@ -19,6 +19,8 @@ from topdress.drivers.files.config_error import ConfigError
 
 # The machine of a job without another machine file, as for `topdress` itself.
 SHIPPED_MACHINE = "huanghai"
+# Name of the schema of a run log's row.
+RUN_LOG = "run-log"
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -83,14 +85,17 @@ def list_kinds_by_name() -> dict[str, Any]:
 
 
 def format_schema(name: str) -> str:
-    """Returns the JSON schema of a kind, by its short name or its format. Raises CommandError."""
+    """Returns the JSON schema of a kind, or of a row of a run log, by its short name or its format.
+    Raises CommandError."""
+    from topdress.control.log_row import make_row_schema
     from topdress.drivers.files.config import make_json_schema
 
     kinds = list_kinds_by_name()
     short = name.removeprefix("topdress-").partition("/")[0]
-    if short not in kinds:
-        raise CommandError(f"--schema {name}: allowed is one of {', '.join(kinds)}")
-    return json.dumps(make_json_schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
+    if short not in (*kinds, RUN_LOG):
+        raise CommandError(f"--schema {name}: allowed is one of {', '.join((*kinds, RUN_LOG))}")
+    schema = make_row_schema() if short == RUN_LOG else make_json_schema(kinds[short])
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 
 def write_all_schemas(folder: Path) -> None:

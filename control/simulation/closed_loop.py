@@ -35,7 +35,7 @@ class MeasurementHold:
         t = s.time_s
         ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
         readings: dict[str, Any] = {
-            name: None if (value := getattr(s, name)) is None else Reading(value, t)
+            name: None if (value := getattr(s, name, None)) is None else Reading(value, t)
             for name in SENSED_COLUMNS
         }
         self._now = Measurements(

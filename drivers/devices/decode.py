@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from topdress.control.readings import GnssFix
+from topdress.control.signals import SIGNALS
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
@@ -93,14 +94,7 @@ def _decode_heads(
 
 def _make_fix_record(fix: GnssFix) -> Record:
     return {
-        "utc": fix.utc,
-        "lat_deg": fix.lat_deg,
-        "lon_deg": fix.lon_deg,
-        "fix_quality": fix.fix_quality,
-        "satellites": fix.satellites,
-        "hdop": fix.hdop,
-        "heading_deg": fix.heading_deg,
-        "speed_mps": fix.speed_mps,
+        name: getattr(fix, name) for name in SIGNALS if name in GnssFix._fields and name != "time_s"
     }
 
 

@@ -26,6 +26,7 @@ def test_every_page_is_registered() -> None:
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_page_is_complete(name: str) -> None:
+    assert (Path(pages.__file__).parent / name / "__init__.py").exists()
     own = import_module(f"topdress.console.app.pages.{name}.keys").ACTIONS
     assert set(own) <= set(actions.ACTIONS), "console/app/actions.py"
     opens = actions.BY_ID.get(f"{name}_screen")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from topdress.console.cli.check import format_schema, list_kinds_by_name
+from topdress.control.log_row import ALL_COLUMNS
 
 from tests.command import topdress
 
@@ -34,6 +35,19 @@ def test_a_schema_is_told_by_name_or_format(name: str) -> None:
         and told["additionalProperties"] is False
     )
     assert told["$defs"]["BoardConfig"]["properties"]["max_shaft_rpm"]["maximum"] == 300
+
+
+def test_the_columns_of_a_run_log_are_told() -> None:
+    told = json.loads(topdress("check", "--schema", "run-log").output)["properties"]
+    assert list(told) == list(ALL_COLUMNS)
+    assert told["supply_v"] == {
+        "type": ["number", "null"],
+        "unit": "V",
+        "plausible": [0.0, 60.0],
+        "description": "supply voltage",
+    }
+    assert told["state"]["type"] == ["string", "null"]
+    assert told["satellites"]["type"] == ["integer", "null"]
 
 
 def test_all_are_written_to_a_folder(tmp_path: Path) -> None:

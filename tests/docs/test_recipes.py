@@ -151,7 +151,7 @@ SENSED = Recipe(
                 "    fuel_l_h: Reading | None = None\n",
             ),
         ),
-        (Insertion("console/locale/zh/trends.po", "", translate("fuel rate", "油耗")),),
+        (Insertion("console/locale/zh/devices.po", "", translate("fuel rate", "油耗")),),
         "python .ci/columns.py",
     ),
     SHOWN.format(name="fuel_l_h", label="fuel rate", value=12.5)

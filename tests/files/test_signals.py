@@ -12,10 +12,18 @@ from pathlib import Path
 import pytest
 from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID
 from topdress.console.app.units import METRIC, Units
-from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, VALID_FOR_S, WHOLE_COLUMNS
+from topdress.control.log_row import (
+    COLUMNS,
+    NDRE_COLUMNS,
+    TEXT_COLUMNS,
+    VALID_FOR_S,
+    WHOLE_COLUMNS,
+    make_row_schema,
+)
 from topdress.control.readings import SENSED_COLUMNS, Measurements
 from topdress.control.signals import SIGNALS, VALID_FOR, Signal
 from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import BOARD_READINGS
 from topdress.drivers.files.foreign import LOSSES
 
@@ -24,8 +32,16 @@ ROOT = Path(__file__).parents[2]
 LEAST_NAMES = 4
 # Literals with several columns that say something else than a declaration, and what.
 NO_LISTS = {
+    "console/services/fleet_job.py": {"_hash_measurements": "what makes a run the same"},
+    "console/cli/import_log.py": {"_find_full_values": "full values of the drives"},
+    "drivers/files/imports/physics.py": {"find_speed_unit": "arguments by their columns"},
+    "drivers/files/exports/as_applied.py": {"_select_worked_rows": "parts of a moved log"},
+    "control/simulation/plant.py": {"_calc_terms": "the plant's own values"},
+    "control/experiments/manoeuvres.py": {"_predict_log": "a predicted log"},
+    "control/diagnosis/runs/cost.py": {"_list_operating_points": "nominal inputs of a point"},
     "control/calibration/bench_table.py": {"COLUMN_RANGES": "columns of bench tables"},
     "control/diagnosis/runs/log.py": {
+        "_list_channel_targets": "which reading follows which column",
         "REQUIRED_COLUMNS": "what each stage needs",
         "DRIVE_EFFORT_COLUMNS": "what each stage needs",
         "NUMBER_COLUMNS": "what a diagnosis reads",
@@ -49,7 +65,10 @@ NO_LISTS = {
     "drivers/files/imports/time_logs.py": {"_HEAD_FIELDS": "fields of an ISO 11783-10 time log"},
     "drivers/files/replay.py": {"_GNSS_COLUMNS": "fields of a fix, in its order"},
     "console/app/widgets/value_tiles.py": {"GRAPH_CHANNELS": "channels of the four tiles"},
-    "console/cli/simulate.py": {"TRUTH_COLUMNS": "columns of a simulation's truth"},
+    "console/cli/simulate.py": {
+        "_format_truth": "columns of a simulation's truth",
+        "TRUTH_COLUMNS": "columns of a simulation's truth",
+    },
     "console/reports/variables.py": {
         "RUN_VARIABLES": "variables that are no column, or another one than that of their name",
         "TABLE_VARIABLES": "columns of bench tables",
@@ -57,22 +76,44 @@ NO_LISTS = {
 }
 
 
+def name_columns(node: ast.AST) -> set[str]:
+    """Returns the columns that an expression names."""
+    return {
+        one.value
+        for one in ast.walk(node)
+        if isinstance(one, ast.Constant) and isinstance(one.value, str) and one.value in SIGNALS
+    }
+
+
 def iter_lists(text: str) -> Iterator[tuple[str, set[str]]]:
-    """Yields each constant of a module or class with the columns that it names."""
+    """Yields each constant of a module or class, and each function with a list, set or mapping,
+    that names several columns."""
     for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            for one in ast.walk(node):
+                if isinstance(one, ast.List | ast.Tuple | ast.Set | ast.Dict):
+                    names = name_columns(one)
+                    if len(names) >= LEAST_NAMES:
+                        yield node.name, names
         if not isinstance(node, ast.Module | ast.ClassDef):
             continue
         for line in node.body:
             if not isinstance(line, ast.Assign | ast.AnnAssign) or line.value is None:
                 continue
             target = line.targets[0] if isinstance(line, ast.Assign) else line.target
-            names = {
-                one.value
-                for one in ast.walk(line.value)
-                if isinstance(one, ast.Constant) and one.value in SIGNALS
-            }
+            names = name_columns(line.value)
             if len(names) >= LEAST_NAMES:
                 yield ast.unparse(target), names
+
+
+def list_measured_fields() -> set[str]:
+    """Returns the measurements of the devices' own examples."""
+    return {
+        field
+        for device in list_line_devices()
+        for message in device.make_decoder(None).feed(device.make_example(), 0.0)
+        for field in device.find_measurements(message)
+    }
 
 
 def find_lists(root: Path) -> dict[str, set[str]]:
@@ -92,6 +133,8 @@ def test_no_module_keeps_a_list_of_columns() -> None:
 
 
 def test_a_list_of_columns_is_seen() -> None:
+    made = 'def f():\n    return ["shaft_rpm", "opening_mm", "supply_v", "ndvi"]\n'
+    assert [name for name, _ in iter_lists(made)] == ["f"]
     made = 'class A:\n    TABLE = {"shaft_rpm": 1, "opening_mm": 2, "supply_v": 3, "ndvi": 4}\n'
     assert [name for name, _ in iter_lists(made)] == ["TABLE"]
 
@@ -117,6 +160,7 @@ def test_declaration_is_complete(name: str) -> None:
         )
         assert one.plausible or name in ("time_s", "work_switch")
     assert one.label or not one.is_on_run
+    assert make_row_schema()["properties"][name]["description"] == one.meaning
     assert set(one.losses) <= set(LOSSES)
     assert not one.shown_as or one.shown_as in Units._fields
 
@@ -133,9 +177,10 @@ def test_number_of_a_sensor_is_measured_simulated_and_logged(name: str) -> None:
     if name.startswith(("ndvi_", "ndre_")):
         return
     assert name in SENSED_COLUMNS, f"no field {name} of control.readings.Measurements"
-    assert name in SensorReadings._fields, f"no field {name} of SensorReadings (plant.py)"
     assert name in VALID_FOR_S, "a reading grows old: valid_for"
-    assert name in BOARD_READINGS, "no device reads it"
+    assert name in {*BOARD_READINGS, *list_measured_fields()}, "no device reads it"
+    virtual = name in SensorReadings._fields or name not in BOARD_READINGS
+    assert virtual, f"no field {name} of SensorReadings (plant.py)"
 
 
 def test_row_of_a_tick_has_every_number() -> None:
