@@ -30,18 +30,6 @@ class LineConfig(FrozenModel):
     baud: Baud = 115200
 
 
-def _find_nothing(now_s: float) -> Mapping[str, Any]:
-    return {}
-
-
-def _begin_silently() -> bytes:
-    return b""
-
-
-def _close_nothing() -> None:
-    return None
-
-
 @dataclass(frozen=True, kw_only=True)
 class OpenLine:
     """Defines one line of a device: where it is, and what is done with its bytes.
@@ -64,9 +52,9 @@ class OpenLine:
     baud: int | None
     decoder: Any
     find_measurements: Callable[[Any], Mapping[str, Any]]
-    find_state: Callable[[float], Mapping[str, Any]] = _find_nothing
-    begin: Callable[[], bytes] = _begin_silently
-    close: Callable[[], None] = _close_nothing
+    find_state: Callable[[float], Mapping[str, Any]] = lambda now_s: {}
+    begin: Callable[[], bytes] = lambda: b""
+    close: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from topdress.console.services.removable_media import is_map_likely, list_entrie
 from topdress.control.targets.prescription import MapData, Zone
 from topdress.drivers.files import limits
 from topdress.drivers.files.extras import is_extra_installed
+from topdress.drivers.files.fields.field_data import FieldData
 from topdress.drivers.files.file_sniffer import FILE_KINDS, sniff_file_kind
 from topdress.drivers.files.formats.file_format import FileFormat
 from topdress.drivers.files.formats.registry import list_able, list_formats
@@ -42,21 +43,25 @@ def show_help(command: str) -> str:
 
 
 def write_example(one: FileFormat, folder: Path) -> Path:
-    """Write the format's own example."""
+    """Write the format's own example, or a prescription of 120 kg/ha by its own writer."""
     path = folder / ("TASKDATA.XML" if one.id == "task" else f"example{one.endings[0]}")
     if one.writing_extra and not is_extra_installed(one.writing_extra):
         pytest.skip(f"the extra {one.writing_extra} is not installed")
     if one.id == "geotiff":
         pytest.importorskip("rasterio", reason="rasterio is not installed")
-    one.write_example(path)
+    if one.make_example is not None:
+        one.make_example(path)
+    else:
+        assert one.write_map is not None
+        one.write_map(MapData((Zone(RATE_KG_HA, (CORNERS_DEG,)),)), path)
     return path
 
 
 @pytest.mark.parametrize("one", list_formats(), ids=lambda one: one.id)
 def test_format_has_its_example(one: FileFormat, tmp_path: Path) -> None:
     if not one.endings:
-        one.write_example(tmp_path / "field")
-        assert one.read_field is not None
+        assert one.write_field is not None and one.read_field is not None
+        one.write_field(FieldData("example", CORNERS_DEG), tmp_path / "field")
         assert one.read_field(tmp_path / "field").outline_deg is not None
         return
     path = write_example(one, tmp_path)

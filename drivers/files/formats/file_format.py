@@ -92,21 +92,6 @@ class FileFormat:
         """Suffixes of outputs in this format."""
         return self.endings if self.written is None else self.written
 
-    def write_example(self, path: Path) -> None:
-        """Writes a small file: a prescription of 120 kg/ha where the format has some. Raises
-        ImportError where an extra is missing."""
-        import numpy as np
-        from topdress.control.targets.prescription import MapData, Zone
-        from topdress.drivers.files.fields.field_data import FieldData
-
-        square = np.array([(33.0, 120.0), (33.001, 120.0), (33.001, 120.001), (33.0, 120.001)])
-        if self.make_example is not None:
-            self.make_example(path)
-        elif self.write_map is not None:
-            self.write_map(MapData((Zone(120.0, (square,)),)), path)
-        elif self.write_field is not None:
-            self.write_field(FieldData("example", square), path)
-
     def has_any(self, *functions: str) -> bool:
         """Returns whether the format has any of these functions, such as `read_map`."""
         return any(getattr(self, name) for name in functions)
