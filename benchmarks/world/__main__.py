@@ -37,10 +37,15 @@ def parse_arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="days of 70 s, five ticks a second")
     parser.add_argument("--twice", action="store_true", help="compare two runs of every day")
     parser.add_argument("--seed", type=int, help="one day")
-    parser.add_argument("--kinds", default="", help="further draws of this day")
+    parser.add_argument("--kinds", default="", help="draws that every day must have")
     parser.add_argument("--day", type=Path, help="one day, as a file")
     parser.add_argument("--shrink", action="store_true", help="take events of this day away")
     return parser.parse_args(words)
+
+
+def parse_kinds(options: argparse.Namespace) -> tuple[str, ...]:
+    """Returns the draws that every day must have."""
+    return tuple(filter(None, options.kinds.split(",")))
 
 
 def run_one(day: Day, shrink: bool) -> int:
@@ -62,7 +67,9 @@ def run_many(options: argparse.Namespace) -> int:
     until_s = began_s + 60.0 * options.minutes if options.minutes else math.inf
     count = 10**9 if options.minutes else options.seeds
     for seed in range(options.first, options.first + count):
-        kinds = () if options.by_seed_alone else coverage.choose_kinds(seed)
+        kinds = parse_kinds(options) or (
+            () if options.by_seed_alone else coverage.choose_kinds(seed)
+        )
         day = draw_day(seed, kinds)
         if options.quick:
             day = draw_day(seed, kinds, QUICK_S)._replace(hz=QUICK_HZ)
@@ -102,8 +109,7 @@ def main() -> int:
     if options.day is not None:
         return run_one(Day.from_json(options.day.read_text(encoding="utf-8")), options.shrink)
     if options.seed is not None:
-        kinds = tuple(filter(None, options.kinds.split(",")))
-        return run_one(draw_day(options.seed, kinds), options.shrink)
+        return run_one(draw_day(options.seed, parse_kinds(options)), options.shrink)
     return run_many(options)
 
 

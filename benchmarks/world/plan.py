@@ -94,6 +94,8 @@ LIES: dict[str, tuple[Any, ...]] = {
 }
 # Values of the other display, kg/ha; None: silence.
 ASKED_RATES = (0.0, 80.0, 180.0, 250.0, 1900.0, None)
+# Keys of an operator who changes his mind.
+KEYS = ("ready", "start", "start", "hold", "hold", "stop", "stop", "acknowledge")
 DISK_KINDS = ("fails", "tears", "full", "hangs", "readonly", "cut_by_others", "deleted")
 
 
@@ -292,6 +294,7 @@ def _draw_device_order(r: random.Random) -> Event:
 DRAWS: dict[str, tuple[float, Callable[[random.Random], Event]]] = {
     "order": (0.8, lambda r: Event(_when(r), "order", [r.choice([0, 0, 1, 2]), *draw_order(r)])),
     "orders": (0.5, lambda r: Event(_when(r), "order", [0, *draw_order(r)])),
+    "keys": (0.6, lambda r: Event(_when(r), "keys", [r.choice(KEYS) for _ in range(8)])),
     "silent": (0.4, lambda r: Event(_when(r), "silent", 0, r.choice([0.3, 1.0, 3.0, 8.0, 65.0]))),
     "attach": (0.5, lambda r: Event(_when(r), "attach", r.randrange(1, 6), r.uniform(2.0, 60.0))),
     "line": (

@@ -60,6 +60,8 @@ SETTLES_S = 12.0
 BACK_MPS = -1.5
 # Time until the tractor stands, s.
 STANDS_S = 5.0
+# Interval of keys that follow each other, s.
+KEYS_S = 0.8
 # Interval at which a console repeats the order of a button that is down, s.
 REPEAT_S = 0.2
 
@@ -527,6 +529,13 @@ class World:
     def _act_key(self, event: Event) -> None:
         self._send_order(0, event.what, "" if event.what == "acknowledge" else None)
 
+    def _act_keys(self, event: Event) -> None:
+        """Presses keys soon after each other."""
+        self._events += [
+            Event(self.now_s + KEYS_S * number, "key", key) for number, key in enumerate(event.what)
+        ]
+        self._events.sort(key=lambda one: one.at_s)
+
     def _act_order(self, event: Event) -> None:
         self._send_order(*event.what)
 
@@ -662,7 +671,7 @@ class World:
         """Lets the next tick of the loop, or the next reading of the receiver, fail."""
         owner, name = self.assembly.loop, "run_tick"
         if event.what == "device":
-            owner, name = self.assembly.bench._devices[0], "read_values"  # type: ignore[attr-defined]
+            owner, name = self.assembly.bench._devices["gnss"], "read_values"  # type: ignore[attr-defined]
         self._faulty_until_s = max(self._faulty_until_s, self.now_s)
 
         def fail(*_given: Any) -> None:

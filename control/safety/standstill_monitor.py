@@ -44,6 +44,9 @@ class GateStand(NamedTuple):
     lowest_mm: float | None = None
     opening_since_s: float | None = None
     opens: bool = False
+    # Highest reading of an opening gate, mm, and the time of its last rise, s.
+    highest_mm: float | None = None
+    rose_s: float | None = None
 
 
 class ValveStand(NamedTuple):
@@ -129,13 +132,16 @@ def _watch_gate(
     lowest = read if before.lowest_mm is None else min(before.lowest_mm, read)
     most_mm = lowest if commanded_mm is None else max(lowest, commanded_mm)
     opening = find_since_s(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
-    if commanded_mm is None and has_lasted(opening, now_s, limits.run_down_max_s):
-        # Before the first set-point nothing says where the gate belongs: where it stands now.
-        # Otherwise READY would be refused for ever.
+    highest, rose_s = before.highest_mm, before.rose_s
+    if opening is None or highest is None or read > highest + limits.gate_stands_mm / 6.0:
+        highest, rose_s = read, now_s
+    stands = opening is not None and has_lasted(rose_s, now_s, limits.run_down_max_s)
+    if stands and not s.commanded.enabled:
+        # A gate without power stays wherever it came to a stand. READY, which alone gives it a
+        # set-point again, would otherwise be refused for ever.
         return GateStand(None, read)
-    return GateStand(
-        commanded_mm, lowest, opening, has_lasted(opening, now_s, limits.stand_confirm_s)
-    )
+    opens = has_lasted(opening, now_s, limits.stand_confirm_s)
+    return GateStand(commanded_mm, lowest, opening, opens, highest, rose_s)
 
 
 def _watch_valves(

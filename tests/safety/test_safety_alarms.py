@@ -487,18 +487,23 @@ def test_an_empty_hopper_stays_empty_while_it_is_held_and_the_scale_rustles(work
     assert "hopper_empty" not in run.alarm_ids()
 
 
-def test_a_gate_that_moved_before_its_first_set_point_refuses_ready_for_seconds_only(new_run):
-    """Its sensor read 3 mm too little for a while; READY was refused until the program's end."""
+@pytest.mark.parametrize("had_set_point", [False, True])
+def test_a_gate_that_has_moved_without_power_refuses_ready_until_it_stands(new_run, had_set_point):
+    """Without power it stays where it is, and only READY gives it a set-point again: READY was
+    refused until the program's end."""
     run, stands = new_run(), {"commanded": STANDS._replace(enabled=False), "shaft_rpm": 0.0}
-    run.tick(2.0, opening_mm=22.0, **stands)
-    run.tick(2.0, opening_mm=25.5, **stands)
+    if had_set_point:
+        run.tick(1.0, opening_mm=15.0, shaft_rpm=0.0, commanded=STANDS)
+    run.tick(2.0, opening_mm=15.0, **stands)
+    for step in range(30):
+        run.tick(0.2, opening_mm=15.0 + step, **stands)
     assert "gate_opens" in run.alarm_ids()
     assert run.order(Do.READY).why.startswith("cause_lives")
-    run.tick(5.0, opening_mm=25.5, **stands)
-    assert "gate_opens" in run.alarm_ids()
+    run.tick(5.5, opening_mm=44.0, **stands)
+    assert "gate_opens" in run.alarm_ids(), "red until it is acknowledged"
     run.order(Do.ACKNOWLEDGE, "")
-    assert run.order(Do.READY).accepted
-    run.tick(2.0, opening_mm=25.5, **stands)
+    run.tick(2.0, opening_mm=44.0, **stands)
     assert "gate_opens" not in run.alarm_ids()
-    run.tick(2.0, opening_mm=29.0, **stands)
+    assert run.order(Do.READY).accepted
+    run.tick(2.0, opening_mm=48.0, **stands)
     assert "gate_opens" in run.alarm_ids()
