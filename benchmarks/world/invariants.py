@@ -182,8 +182,9 @@ class Promises:
         if before in (None, m.state) or accepted > 1:
             return
         ways = ALLOWED_CHANGES | {("off", "fault")}
-        # An order and a cause may both act in a tick.
-        between = accepted and any(
+        # An order, and then a cause that ends work, may both act in a tick.
+        ends = m.state in (State.HELD, State.FAULT, State.OFF) and accepted
+        between = ends and any(
             (before, state) in ways and (state, m.state) in ways for state in State
         )
         if not between and (before, m.state) not in ways:

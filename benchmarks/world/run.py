@@ -58,6 +58,8 @@ START_AGAIN_S = 0.5
 SETTLES_S = 12.0
 # Speed of reversing, m/s.
 BACK_MPS = -1.5
+# Time that a tick takes, s: ticks that catch up are never in the same millisecond.
+TICK_COST_S = 0.002
 # Time until the tractor stands, s.
 STANDS_S = 5.0
 # Interval of keys that follow each other, s.
@@ -421,7 +423,7 @@ class World:
     def sleep(self, seconds: float) -> None:
         """Lets time pass for the loop: link, log, devices, consoles and events have their turns."""
         self._judge_tick()
-        until_s = self.now_s + max(seconds, 1e-6)
+        until_s = self.now_s + max(seconds, TICK_COST_S)
         while True:
             event_s = self._events[0].at_s if self._events else math.inf
             next_s = min(until_s, event_s, self._link_due_s, self._log_due_s)
@@ -519,6 +521,10 @@ class World:
     def _act(self, event: Event) -> None:
         self.coverage.note("event", event.kind)
         self.trace.append(str(event))
+        # A computer that stood performs an event late; the event ends when it would have ended.
+        lasts_s = max(0.0, event.at_s + event.lasts_s - self.now_s)
+        if event.kind not in ("late", "suspend"):
+            event = event._replace(lasts_s=lasts_s)
         getattr(self, f"_act_{event.kind}")(event)
 
     def _send_order(self, number: int, do: str, value: Any) -> None:
@@ -599,6 +605,9 @@ class World:
         """Makes a catch test: STOP, READY at standstill, and the button held down."""
         seconds, rpm, mm = event.what
         begin_s = self.now_s + STANDS_S
+        event = event._replace(lasts_s=min(event.lasts_s, self.day.faults_end_s - begin_s))
+        if event.lasts_s <= 0.0:
+            return
         self._events += [
             Event(self.now_s, "key", "stop"),
             Event(begin_s - 0.6, "key", "acknowledge"),
