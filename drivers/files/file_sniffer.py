@@ -94,7 +94,11 @@ TABLE_KINDS = list_kinds("read_table")
 TABLE_SUFFIXES = frozenset(e for one in list_formats() if one.is_table for e in one.endings)
 # Suffixes of foreign logs, and of topdress's Parquet stores.
 FOREIGN_SUFFIXES = (
-    frozenset({".zip", *(e for one in list_able("read_table") for e in one.endings)})
+    frozenset(
+        ending
+        for one in list_able("read_table")
+        for ending in (*one.endings, *((".zip",) if one.is_packed else ()))
+    )
     - TABLE_SUFFIXES
 )
 # Types of a shapefile's points: plain, with height, with measure (ESRI).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -19,8 +20,9 @@ from topdress.drivers.files import limits
 from topdress.drivers.files.extras import is_extra_installed
 from topdress.drivers.files.fields.field_data import FieldData
 from topdress.drivers.files.file_sniffer import FILE_KINDS, sniff_file_kind
+from topdress.drivers.files.formats import registry
 from topdress.drivers.files.formats.file_format import FileFormat
-from topdress.drivers.files.formats.registry import list_able, list_formats
+from topdress.drivers.files.formats.registry import list_able, list_formats, list_kinds
 from topdress.drivers.files.imports.mapping import SourceKind
 from topdress.drivers.files.limits import FILE_LIMITS
 from topdress.drivers.files.prescriptions.map_reader import KNOWN_FORMATS, read_prescription
@@ -163,3 +165,26 @@ def test_a_file_is_held_to_the_limit_of_its_format(
 def test_a_format_without_functions_is_offered_nowhere() -> None:
     bare = replace(list_formats()[0], read_map=None, read_layers=None, read_table=None)
     assert not bare.has_any("read_map", "read_layers", "read_table")
+
+
+def test_zips_and_folders_are_read_where_a_format_is_read_from_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert {"zip", "folder"} <= {*list_kinds("read_map")}
+    bare = tuple(replace(one, is_packed=False) for one in list_formats())
+    monkeypatch.setattr(registry, "list_formats", lambda: bare)
+    assert not {"zip", "folder"} & {*list_kinds("read_map")}
+
+
+@pytest.mark.parametrize(
+    "one", [one for one in list_able("read_map") if one.is_packed], ids=lambda one: one.id
+)
+def test_a_packed_format_is_read_from_a_zip(one: FileFormat, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write_example(one, folder)
+    with zipfile.ZipFile(tmp_path / "packed.zip", "w") as packed:
+        for path in folder.rglob("*.*"):
+            packed.write(path, path.relative_to(folder))
+    for source in (folder, tmp_path / "packed.zip"):
+        assert read_prescription(source).data.rates_kg_ha == pytest.approx([RATE_KG_HA])

@@ -49,6 +49,7 @@ class FileFormat:
     written : suffixes of outputs, "" for a folder; None means `endings`.
     writing_extra : the extra that writing needs.
     keeps_fallbacks : whether a prescription keeps its fallbacks and field.
+    is_packed : whether zips and folders that hold such files are read too.
     is_table : whether the file has rows and columns, and so may be a run log or bench table.
     limit : largest file.
     source_kind : name in import files.
@@ -71,6 +72,7 @@ class FileFormat:
     written: tuple[str, ...] | None = None
     writing_extra: str = ""
     keeps_fallbacks: bool = False
+    is_packed: bool = False
     is_table: bool = False
     limit: Limit = OTHER_FILES_LIMIT
     source_kind: SourceKind | None = None

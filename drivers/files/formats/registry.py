@@ -35,9 +35,11 @@ def list_able(*functions: str) -> tuple[FileFormat, ...]:
 
 
 def list_kinds(*functions: str) -> tuple[str, ...]:
-    """Returns the kinds of files that are read by any of these functions; tasks and shapefiles are
-    read from zips and folders too."""
-    return (*(one.id for one in list_able(*functions)), "zip", "folder")
+    """Returns the kinds of files that are read by any of these functions, with zips and folders
+    where a format is read from them."""
+    able = list_able(*functions)
+    packed = ("zip", "folder") if any(one.is_packed for one in able) else ()
+    return (*(one.id for one in able), *packed)
 
 
 def find_format(path: Path, function: str) -> FileFormat | None:

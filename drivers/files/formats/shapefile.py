@@ -12,6 +12,7 @@ FORMATS = (
         title="shapefile",
         endings=(".shp",),
         rank=20,
+        is_packed=True,
         limit=SHAPEFILE_LIMIT,
         source_kind="shapefile",
         # The number 9994, with which every .shp begins.

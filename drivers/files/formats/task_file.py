@@ -12,6 +12,7 @@ FORMATS = (
         title="ISO 11783-10",
         endings=(".xml",),
         rank=50,
+        is_packed=True,
         written=(".zip", ".xml", ""),
         keeps_fallbacks=True,
         limit=XML_LIMIT,
