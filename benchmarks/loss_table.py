@@ -106,8 +106,8 @@ class Hosted(Rig):
         if self.console:
             self.host.note_console_heard()
         self.host.run_one_tick(self.now_s)
-        assert self.host.newest is not None
-        self.row = self.host.newest.row
+        assert self.host.newest_frame is not None
+        self.row = self.host.newest_frame.row
 
     def go(self, seconds: float) -> None:
         for _ in range(round(seconds / DT_S)):
@@ -190,7 +190,7 @@ def ndvi_silent(rig: Hosted) -> Found:
 def heads_few(rig: Hosted) -> Found:
     rig.unplug("head_1", "head_2")
     rig.go(3.0)
-    four_is_enough = not rig.alarms and rig.host.newest.dropped_heads == (1, 2)  # type: ignore[union-attr]
+    four_is_enough = not rig.alarms and rig.host.newest_frame.dropped_heads == (1, 2)  # type: ignore[union-attr]
     rig.unplug("head_5")
     measured_s = rig.until(rig.alarm("heads_few"), 5.0)
     rig.go(5.0)
@@ -199,7 +199,7 @@ def heads_few(rig: Hosted) -> Found:
         "degraded, named",
         2.0,
         measured_s,
-        f"heads_few; dropped {rig.host.newest.dropped_heads}; state {rig.state}, target "  # type: ignore[union-attr]
+        f"heads_few; dropped {rig.host.newest_frame.dropped_heads}; state {rig.state}, target "  # type: ignore[union-attr]
         f"{rig.row.target_source}",
         four_is_enough and rig.state == "working" and rig.row.target_source == "canopy",
     )
@@ -229,7 +229,7 @@ def gnss_silent_map(rig: Hosted) -> Found:
     rig.go(1.5)
     reckoned = rig.rpm > 5.0 and rig.row.target_source == "map" and rig.alarms == ["gnss_silent"]
     measured_s = 1.5 + rig.until(rig.no_flow_commanded, 6.0)
-    why = ", ".join(rig.host.newest.why_no_flow)  # type: ignore[union-attr]
+    why = ", ".join(rig.host.newest_frame.why_no_flow)  # type: ignore[union-attr]
     alarms = ", ".join(rig.alarms)
     still_s = measured_s + rig.until(lambda: rig.rpm < 1.0, 3.0)
     rig.plug_in("gnss")
@@ -436,7 +436,7 @@ def bridging(rig: Hosted) -> Found:
 
 def hopper_empty(rig: Hosted) -> Found:
     low_s = rig.until(rig.alarm("hopper_low"), 30.0)
-    left = next(a for a in rig.host.newest.alarms if a.id == "hopper_low").details  # type: ignore[union-attr]
+    left = next(a for a in rig.host.newest_frame.alarms if a.id == "hopper_low").details  # type: ignore[union-attr]
     at_low_kg = rig.hopper_kg
     # most of it is let out: the test is shorter
     rig.plant._flow = rig.plant._flow._replace(hopper_kg=0.8)
@@ -456,7 +456,7 @@ def hopper_empty(rig: Hosted) -> Found:
 def hopper_low(rig: Hosted) -> Found:
     rig.until(lambda: rig.hopper_kg <= 15.0, 30.0)
     measured_s = rig.until(rig.alarm("hopper_low"), 30.0)
-    left = next(a for a in rig.host.newest.alarms if a.id == "hopper_low").details  # type: ignore[union-attr]
+    left = next(a for a in rig.host.newest_frame.alarms if a.id == "hopper_low").details  # type: ignore[union-attr]
     expected_m = 15.0 / (rig.row.target_rate_kg_ha * 2.4 / 10_000.0)
     metres = dict(left)["metres_left"]
     return Found(
@@ -473,7 +473,7 @@ def lead_short(rig: Hosted) -> Found:
     heads_m = rig.loop.machine.geometry.heads_m
     rig.until(lambda: rig.row.speed_used_mps > heads_m / (rig.row.lag_s + 1.5), 20.0)
     measured_s = rig.until(rig.alarm("lead_short"), 5.0)
-    usable = rig.host.newest.usable_speed_mps  # type: ignore[union-attr]
+    usable = rig.host.newest_frame.usable_speed_mps  # type: ignore[union-attr]
     return Found(
         "needed lead exceeds the heads'",
         "amber, highest usable speed shown",

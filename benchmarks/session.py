@@ -93,8 +93,8 @@ class FieldSource:
         self._field = field
 
     @property
-    def newest(self) -> Frame | None:
-        return self._field.host.newest
+    def current_frame(self) -> Frame | None:
+        return self._field.host.newest_frame
 
     async def run_connection(self) -> None:
         await asyncio.get_running_loop().create_future()
@@ -334,7 +334,7 @@ async def refill(seat: Seat) -> Ground:
     keys = seat.keys
     await seat.press("f", "5", "0", "enter")
     assert seat.keys - keys <= 5
-    assert any(one.do == "refill" for one in seat.field.host.newest.ordered) or "refill" in (
+    assert any(one.do == "refill" for one in seat.field.host.newest_frame.ordered) or "refill" in (
         Path(seat.field.writer.path).read_text(encoding="utf-8")
     )
     await seat.press("s")

@@ -190,7 +190,7 @@ class Watcher:
         task = asyncio.create_task(self._link.run_connection())
         seen = -1
         while not task.done() and not self._stop:
-            frame = self._link.newest
+            frame = self._link.current_frame
             if frame is not None and frame.seq != seen:
                 seen = frame.seq
                 self.frames.append((self._link.newest_at_s or time.monotonic(), frame))

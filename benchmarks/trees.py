@@ -51,7 +51,7 @@ def worked(
     def sleep(seconds: float) -> None:
         wait(max(seconds, 1e-9))
         host.note_console_heard()
-        state = host.newest.row.state if host.newest is not None else ""
+        state = host.newest_frame.row.state if host.newest_frame is not None else ""
         if clock() > 3.0 and state in ("off", "ready"):
             host.queue_request(
                 Order(Do.READY if state == "off" else Do.START), lambda answer, _: None

@@ -6,9 +6,9 @@ Files:
 - `app`: The console's screens know `console.frame.Frame` and a `FrameSource`
 - `attached`: Who is attached to the control worker, and who gave which order?
 - `cli`: How is the command line `topdress` built?
+- `fast_imports`: How does a program start quickly?
 - `frame`: Which data does the control worker send to its consoles?
 - `gc_tuning`: How are long-lived objects kept out of the garbage collection?
-- `import_hooks`: How does a program start quickly?
 - `link`: How does a console communicate with the control worker?
 - `locale`: Translates the texts of the console into the language in use
 - `reports`: Which texts and pictures do people read?

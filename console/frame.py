@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from topdress.console.attached import AttachedConsole, ExecutedOrder
-from topdress.control.agronomy.strips import Strips
+from topdress.control.agronomy.reference_strips import Strips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, SectionState

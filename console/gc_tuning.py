@@ -5,7 +5,7 @@ layouts). Python therefore runs a full collection every ten seconds over all liv
 their styles and their drawings. It takes 45 to 100 ms on the computer of docs/decisions/0001, a
 second on a computer that is ten times slower, mostly while a dialog opens, which creates the most
 objects; the console is unresponsive for that time. This module freezes the objects that survive a
-collection, as `import_hooks` freezes the objects of the start, and later collections take 10 to 20
+collection, as `fast_imports` freezes the objects of the start, and later collections take 10 to 20
 ms. A frozen object in a reference cycle is never freed, so the number of freezes is limited.
 """
 

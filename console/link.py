@@ -35,8 +35,8 @@ class WorkerGone(ConnectionError):
 
 
 class Link:
-    """Connects one console to the worker. `run_connection` runs in a task, `newest` holds the
-    newest frame, and orders are sent by methods."""
+    """Connects one console to the worker. `run_connection` runs in a task, `current_frame` holds
+    the newest frame, and orders are sent by methods."""
 
     # Whether the link keeps the machine working, as a console with STOP in view does; False for a
     # link that only gives orders.
@@ -53,7 +53,7 @@ class Link:
         """
         self.where = where
         self.name = find_own_name(name)
-        self.newest: Frame | None = None
+        self.current_frame: Frame | None = None
         # Arrival of the newest frame, time.monotonic() seconds.
         self.newest_at_s: float | None = None
         self.attached = asyncio.Event()
@@ -168,7 +168,7 @@ class Link:
 
     def _take_message(self, message: dict[str, Any]) -> None:
         if "seq" in message:
-            self.newest, self.newest_at_s = parse_frame(message), time.monotonic()
+            self.current_frame, self.newest_at_s = parse_frame(message), time.monotonic()
             self.attached.set()
         elif "answer" in message:
             if message["answer"] == self._named:

@@ -612,7 +612,7 @@ def run(case: Case, folder: Path) -> Ran:
     from topdress.drivers.files.imports.mapping import IMPORT_KIND
     from topdress.drivers.files.imports.table_reader import read_raw_table
     from topdress.drivers.files.kinds import MACHINE_KIND
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     place = folder / case.name.replace("/", "_").replace(" ", "_")
     place.mkdir()
@@ -628,7 +628,7 @@ def run(case: Case, folder: Path) -> Ran:
     machine = load_config(str(place / "machine.yaml"), MACHINE_KIND).model
     started = time.process_time()
     try:
-        found = diagnose_run(dict(read_filled_log(log).columns), machine, path=str(log))
+        found = diagnose_run(dict(read_nonempty_log(log).columns), machine, path=str(log))
     except ValueError as error:
         return Ran(
             log,
@@ -697,10 +697,10 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE_KIND
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     machine = load_config(str(machine_file), MACHINE_KIND).model
-    columns = {name: np.asarray(values) for name, values in read_filled_log(log).columns.items()}
+    columns = {name: np.asarray(values) for name, values in read_nonempty_log(log).columns.items()}
     rows = len(columns["time_s"])
     # a short table of settled answers is predicted by being read again and again
     if rows < LEAST_ROWS:

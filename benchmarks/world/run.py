@@ -728,7 +728,7 @@ class World:
         self._events.sort(key=lambda one: one.at_s)
 
     def _judge_tick(self) -> None:
-        frame = self.host.newest
+        frame = self.host.newest_frame
         if frame is None or self.host._ticks == self._judged:
             return
         self._judged = self.host._ticks

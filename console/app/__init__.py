@@ -16,7 +16,7 @@ Files:
 - `coverage_raster`: Accumulates applied rate, target
 - `dialogs`: Defines the dialogs that ask before something changes
 - `digits`: Draws numerals from blocks, with one face of 3 x 5 pixels at three scales
-- `dose_change`: Predicts how orders change the dose
+- `dose_change_check`: Predicts how orders change the dose
 - `field_picture`: Defines the static parts of a map
 - `fields`: Caches pictures of fields
 - `first_question`: Asks at the start for field and job, most recent first

@@ -19,14 +19,14 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
-from topdress.console import import_hooks
+from topdress.console import fast_imports
 from topdress.console.app import actions, frame_words, key_normaliser, themes
 from topdress.console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
 from topdress.console.app.alarms import AlarmBell
 from topdress.console.app.attach_notice import JoinedMachine, describe_attachment
 from topdress.console.app.common_keys import ACTIONS
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from topdress.console.app.dose_change import predict_dose_change
+from topdress.console.app.dose_change_check import predict_dose_change
 from topdress.console.app.fields import FieldPictures
 from topdress.console.app.first_question import (
     CHANGEABLE_STATES,
@@ -330,7 +330,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.live:
             self._until_first = self.set_interval(FIRST_FRAME_POLL_S, self._show_first_frames)
             self.set_interval(NUMBERS_PERIOD_S, self.show_newest)
-            self.call_after_refresh(import_hooks.end_imports)
+            self.call_after_refresh(fast_imports.resume_gc)
         self.call_after_refresh(self.show_newest)
 
     async def on_event(self, event: events.Event) -> None:
@@ -445,7 +445,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         now_s = self.clock()
         if (
             self.source is not None
-            and self.arrival.take_frame(self.source.newest, now_s)
+            and self.arrival.take_frame(self.source.current_frame, now_s)
             and self.arrival.frame is not None
         ):
             self.history.add_frame(self.arrival.frame)
@@ -471,7 +471,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _show_first_frames(self) -> None:
         """Show the first frames on arrival, before the regular tick, until a frame has a GNSS
         fix."""
-        frame, now_s = None if self.source is None else self.source.newest, self.clock()
+        frame, now_s = None if self.source is None else self.source.current_frame, self.clock()
         if frame is None or frame is self._first_shown:
             return
         begins, self._first_shown = self._first_shown is None, frame
@@ -504,7 +504,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         for module in PRELOADED_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE_CHARACTER)
-        import_hooks.end_imports()
+        fast_imports.resume_gc()
 
     @property
     def own_name(self) -> str:

@@ -21,7 +21,7 @@ from topdress.console.app.action import (
 )
 from topdress.console.app.alarms import make_alarm_entries
 from topdress.console.app.dialogs import Choice, ChoiceDialog
-from topdress.console.app.dose_change import predict_dose_change
+from topdress.console.app.dose_change_check import predict_dose_change
 from topdress.console.app.first_question import start_from_any_page
 from topdress.console.app.guided_tour import Tour
 from topdress.console.app.presence_text import describe_leaving

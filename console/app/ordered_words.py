@@ -6,7 +6,7 @@ from topdress.console.app import frame_words
 from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Unit, Units
 from topdress.console.locale import N_, _
-from topdress.control.agronomy.strips import parse_strip
+from topdress.control.agronomy.reference_strips import parse_strip
 from topdress.control.orders import Do
 
 # Orders are keyed by their names on the wire, which a frame of another version may extend.

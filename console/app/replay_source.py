@@ -71,8 +71,8 @@ class ReplaySource:
         return max(0, bisect_right(self._times, self.at_s + 1e-9) - 1)
 
     @property
-    def newest(self) -> Frame:
-        """Frame in force."""
+    def current_frame(self) -> Frame:
+        """Frame at the position in the log."""
         return self.frames[self.frame_index]
 
     @property

@@ -16,7 +16,7 @@ from topdress.console.app.units import UNITS
 from topdress.console.locale import _, find_preferred_language, use_language
 from topdress.control.orders import Severity
 from topdress.drivers.files.settings import ManualRate, Settings
-from topdress.drivers.files.settings_theme import ThemeData
+from topdress.drivers.files.user_themes import ThemeData
 
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp

@@ -15,12 +15,12 @@ class FrameSource(Protocol):
     tests."""
 
     @property
-    def newest(self) -> Frame | None:
+    def current_frame(self) -> Frame | None:
         """Newest frame; None before the first frame."""
 
     async def run_connection(self) -> None:
-        """Update `newest` until the connection ends. Raises `console.link.WorkerGone` when the
-        other end is lost."""
+        """Update `current_frame` until the connection ends. Raises `console.link.WorkerGone` when
+        the other end is lost."""
 
     async def send_order(self, order: Order) -> Answer:
         """Send an order and return its answer. Raises `console.link.WorkerGone`."""

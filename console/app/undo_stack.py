@@ -13,7 +13,7 @@ from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
-from topdress.control.agronomy.strips import StripValue, parse_strip
+from topdress.control.agronomy.reference_strips import StripValue, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
 # Changes that stay undoable; an operator remembers few.

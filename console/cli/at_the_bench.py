@@ -234,7 +234,7 @@ class BenchOperator:
     def pause_between_ticks(self, seconds: float) -> None:
         """Waits in the host's pause between two ticks, then acts on the newest frame."""
         self._sleep(seconds)
-        frame = self.host.newest
+        frame = self.host.newest_frame
         self.host.note_console_heard()
         pressed = self._keyboard.read_pressed()
         if HOLD_KEY in pressed:

@@ -258,11 +258,11 @@ def calibrate_wheel(
     """Fit the wheel's circumference to GNSS distances of a run log."""
     from topdress.control.calibration.wheel_fit import fit_wheel
     from topdress.drivers.files.calibration_log import find_wheel_circumference, read_wheel_log
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     _refuse_no_log(data, out, "calibrate wheel")
     # The log's own circumference is needed: its wheel distances were computed with this value.
-    loaded, log = _load_first_machine(data, out, machine, force), read_filled_log(data)
+    loaded, log = _load_first_machine(data, out, machine, force), read_nonempty_log(data)
     fitted, found = fit_wheel(
         read_wheel_log(log),
         loaded,
@@ -286,10 +286,10 @@ def calibrate_heads(
     """Fit each canopy head against the others over a run log."""
     from topdress.control.calibration.heads_check import check_heads
     from topdress.drivers.files.calibration_log import read_head_columns
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     _refuse_no_log(data, out, "calibrate heads")
-    loaded, log = _load_first_machine(data, out, machine, force), read_filled_log(data)
+    loaded, log = _load_first_machine(data, out, machine, force), read_nonempty_log(data)
     fitted, found = check_heads(
         log.time_s, read_head_columns(log), loaded, str(data), date=_parse_date(date).isoformat()
     )

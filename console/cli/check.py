@@ -242,7 +242,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 
 def _find_job_notes(loaded: Any) -> list[str]:
     """Returns notes on a job before work: missing or doubtful strips, and the crop's stage."""
-    from topdress.control.agronomy.strips import calc_measured_index, find_index_doubt
+    from topdress.control.agronomy.reference_strips import calc_measured_index, find_index_doubt
     from topdress.drivers.files.setup import describe_growth, load_setup
 
     try:

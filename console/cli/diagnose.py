@@ -30,7 +30,7 @@ from topdress.console.cli.outputs import (
 )
 from topdress.console.cli.plain_errors import EXIT_NOT_JUDGED, CommandError, print_note_lines
 from topdress.console.cli.progress import ProgressLine
-from topdress.console.import_hooks import collect_seldom
+from topdress.console.fast_imports import make_gc_rare
 from topdress.drivers import day_clock
 
 # Type checking only: the diagnosis loads numpy and scipy, which other commands do not need.
@@ -290,7 +290,7 @@ def run_diagnose(
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
     # Fewer garbage collections save time of the imports and of the fit.
-    collect_seldom()
+    make_gc_rare()
     # Every refusal comes before the diagnosis, which takes minutes.
     refuse_other_kinds(data, LOG_KINDS)
     require_suffix("--report", report, ".html")

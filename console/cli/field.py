@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import FileKinds, refuse_other_kinds, require_suffix
+from topdress.console.cli.inputs import AcceptedKinds, refuse_other_kinds, require_suffix
 from topdress.console.cli.outputs import ForceOption, Output, find_named_file, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 # Distance of worked ground from the job's field beyond which it belongs to another field, m.
 # A kilometre exceeds any field's length, so such ground was surely chosen by mistake.
 MAX_GROUND_DISTANCE_M = 1000.0
-FIELD_KINDS = FileKinds(
+FIELD_KINDS = AcceptedKinds(
     (*list_kinds("read_layers", "read_field"), "config"),
     f"a field ({describe_able('read_layers', 'read_field')}; tasks and shapefiles as folder or zip "
     "too), or a job file",
 )
 
-DONE_KINDS = FileKinds(
+DONE_KINDS = AcceptedKinds(
     (*FIELD_KINDS.kinds, "text"), f"{FIELD_KINDS.words}, or Sections.txt of AgOpenGPS"
 )
 

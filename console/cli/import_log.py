@@ -302,10 +302,10 @@ def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
 
 def _copy_log(source: Path, out: Path, force: bool) -> _ImportAnswer:
     from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store, write_log_text
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     refuse_collisions(list_log_files(source), [Output(_list_written_files(out))], force)
-    log = read_filled_log(source)
+    log = read_nonempty_log(source)
     print_note_lines(log.findings, f"{source}: ")
     if out.suffix.lower() in STORE_SUFFIXES:
         write_log_store(out, log.columns, log.meta, log.findings)

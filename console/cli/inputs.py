@@ -30,7 +30,7 @@ MachineName = Annotated[
 PDF_HINT = "a browser prints that page to a PDF"
 
 
-class FileKinds(NamedTuple):
+class AcceptedKinds(NamedTuple):
     """Names the files that a command reads. `kinds` are ids of `file_sniffer`, `words` the
     description for people."""
 
@@ -38,26 +38,26 @@ class FileKinds(NamedTuple):
     words: str
 
 
-LOG_KINDS = FileKinds(
+LOG_KINDS = AcceptedKinds(
     (*list_kinds("read_table"), "empty"),
     f"a log: a table, points, or a task that was worked ({describe_able('read_table')})",
 )
-TABLE_FILE_KINDS = FileKinds(("text", "excel", "empty"), "a bench table (CSV, Excel)")
-RUN_LOG_KINDS = FileKinds(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
-MAP_FILE_KINDS = FileKinds(
+TABLE_FILE_KINDS = AcceptedKinds(("text", "excel", "empty"), "a bench table (CSV, Excel)")
+RUN_LOG_KINDS = AcceptedKinds(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
+MAP_FILE_KINDS = AcceptedKinds(
     list_kinds("read_map", "read_table"),
     f"a prescription ({describe_able('read_map')}), or a log of work done",
 )
-CHECKED_KINDS = FileKinds(
+CHECKED_KINDS = AcceptedKinds(
     ("config", "text", "task", "zip", "folder", "empty"),
     "a configuration file, or an ISOXML task file",
 )
-CAPTURE_KINDS = FileKinds(
+CAPTURE_KINDS = AcceptedKinds(
     ("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received"
 )
 
 
-def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
+def refuse_other_kinds(files: Iterable[Path], reads: AcceptedKinds) -> None:
     """Raises WrongKindError in one line for a missing file, or a file of another kind; OSError."""
     from topdress.drivers.files.file_sniffer import refuse_kind
 

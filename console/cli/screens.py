@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 import typer
-from topdress.console import import_hooks
+from topdress.console import fast_imports
 from topdress.console.cli.plain_errors import (
     EXIT_CANCELLED,
     CommandError,
@@ -54,7 +54,7 @@ def show_run(
     """Shows the console on the running worker, or on a worker that is started for it."""
     # The imports begin before anything else, because they take most of the time to the first
     # picture.
-    import_hooks.begin_imports()
+    fast_imports.pause_gc_for_imports()
     from topdress.console.running import WorkerFailed, find_running_worker
     from topdress.console.services.launcher import Launcher
 

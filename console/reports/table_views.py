@@ -15,9 +15,9 @@ from topdress.control.diagnosis.result import Cause
 from topdress.control.diagnosis.tables.duplicate_rows import remove_duplicates
 from topdress.control.diagnosis.tables.rows import make_table_pieces
 from topdress.control.diagnosis.tables.table_series import (
+    MeasuredSeries,
     SizedEffect,
     TableCandidate,
-    TablePiece,
     add_effects,
     is_within_scope,
 )
@@ -109,7 +109,7 @@ def make_table_views(
 
 
 def _make_column_view(
-    piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]
+    piece: MeasuredSeries, machine: Machine, parts: tuple[CausePart, ...]
 ) -> MeasuredColumn:
     nominal = piece.predict(machine)
     felt = dict.fromkeys(

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
     from topdress.console.link import Link
     from topdress.console.worker.resume_field import OpenJob
-    from topdress.control.agronomy.strips import StripValue
+    from topdress.control.agronomy.reference_strips import StripValue
     from topdress.control.field.job import Job
     from topdress.control.machine.machine import Machine
     from topdress.control.targets.map_check import MapCheck

@@ -68,7 +68,7 @@ def _open_layer_log(path: Path) -> RunLog:
     """Returns the log, read by the import file next to it. Raises ValueError, OSError."""
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.imports.import_errors import UnsureImportError
-    from topdress.drivers.files.read_log import read_filled_log
+    from topdress.drivers.files.read_log import read_nonempty_log
 
     if not path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}").exists():
         try:
@@ -76,7 +76,7 @@ def _open_layer_log(path: Path) -> RunLog:
         except UnsureImportError as asked:
             raise ValueError(_describe_open_question(path, asked.reasons)) from None
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        return read_filled_log(import_file_as_log(path, Path(folder))[0])
+        return read_nonempty_log(import_file_as_log(path, Path(folder))[0])
 
 
 def _describe_open_question(path: Path, questions: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.drivers.files.settings import find_settings_path, read_settings, write_settings
-from topdress.drivers.files.settings_theme import read_themes
+from topdress.drivers.files.user_themes import read_themes
 
 
 def read_settings_store() -> SettingsStore:

@@ -11,9 +11,9 @@ import contextlib
 import sys
 from collections.abc import Sequence
 
-from topdress.console import import_hooks
+from topdress.console import fast_imports
 
-import_hooks.begin_imports()
+fast_imports.pause_gc_for_imports()
 
 from topdress.console.worker import run_file  # noqa: E402
 from topdress.console.worker.options import parse_options  # noqa: E402

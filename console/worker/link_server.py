@@ -484,7 +484,7 @@ class LinkServer(threading.Thread):
             client, data = self._answers.popleft()
             client.queue_bytes(data)
             self._frame_schedule.send_next_frame()
-        frame = self._host.newest
+        frame = self._host.newest_frame
         if frame is None or frame.seq == self._seen_seq or not self._clients:
             return
         self._seen_seq = frame.seq

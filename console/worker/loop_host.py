@@ -199,7 +199,7 @@ class Host:
         run_aside: RunAside = run_in_thread,
         files: SideFiles | None = None,
     ) -> None:
-        self.newest: Frame | None = None
+        self.newest_frame: Frame | None = None
         # Attached consoles, as the link reports them.
         self.attached: tuple[AttachedConsole, ...] = ()
         self._ordered: deque[ExecutedOrder] = deque(maxlen=MAX_LATEST_ORDERS)
@@ -346,7 +346,7 @@ class Host:
         self._run_guarded(lambda: self._record_tick(tick))
         self._ordered.extend(read_orders(tick.row.events, tick.row.time_s))
         if self._ticks % self._ticks_a_frame == 0 or self._has_run_last_tick:
-            self.newest = self._make_frame(now_s, tick)
+            self.newest_frame = self._make_frame(now_s, tick)
 
     def _follow_new_log(self, now_s: float) -> None:
         """Follow the writer to a new log after another program has truncated the old log."""
@@ -372,11 +372,11 @@ class Host:
         self._run_guarded(lambda: self._bench.send_command(now_s, None, False))
         self._run_guarded(lambda: self._loop.handle_order(Order(Do.STOP), WORKER_NAME))
         self._failed = self._report_error_once(error)
-        if self.newest is not None:
+        if self.newest_frame is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
-            others = tuple(one for one in self.newest.alarms if one.id != alarm.id)
-            self.newest = replace(
-                self.newest,
+            others = tuple(one for one in self.newest_frame.alarms if one.id != alarm.id)
+            self.newest_frame = replace(
+                self.newest_frame,
                 seq=self._ticks,
                 at_s=now_s,
                 alarms=(alarm, *others),

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from topdress.console import import_hooks
+from topdress.console import fast_imports
 from topdress.console.worker import run_file
 from topdress.console.worker.link_server import LinkServer
 from topdress.console.worker.loop_host import Host
@@ -73,7 +73,7 @@ def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerR
     # The run file comes before the link serves, so that a console that reads the file can connect.
     said.start()
     link.start()
-    import_hooks.end_imports()
+    fast_imports.resume_gc()
     try:
         host.run_until_stopped()
     finally:

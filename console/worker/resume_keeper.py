@@ -18,7 +18,7 @@ from topdress.console.worker.resume import Snapshot, drop_last_refill
 from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.console.worker.resume_ground import DoneGround
 from topdress.console.worker.resume_tail import SCALE_WINDOW_S
-from topdress.control.agronomy.strips import parse_strip
+from topdress.control.agronomy.reference_strips import parse_strip
 from topdress.control.field.totals import TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import LogRow

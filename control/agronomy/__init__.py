@@ -9,8 +9,8 @@ Files:
 - `growth`: Is the crop at the growth stage for which its rule was made?
 - `noa`: How much product does an NDVI ask for?
 - `product`: Which product is spread?
+- `reference_strips`: Which NDVI do the N-rich strip and the farmer check have
 - `response`: How strongly does a field respond to nitrogen
 - `sampling`: How uniform is a canopy, and how often must it be sensed?
-- `strips`: Which NDVI do the N-rich strip and the farmer check have, and is their ratio plausible?
 - `yield_potential`: How much does a crop yield without topdressing?
 """

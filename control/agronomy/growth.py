@@ -15,7 +15,7 @@ from topdress.control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
 # Ends of the published scales: Feekes 1 to 11.4, BBCH 0 to 99; days as in the crop file.
-SCALE_RANGES: dict[str, tuple[float, float]] = {
+GROWTH_SCALE_RANGES: dict[str, tuple[float, float]] = {
     "feekes": (1.0, 11.4),
     "bbch": (0.0, 99.0),
     "days": (1.0, 400.0),
@@ -36,7 +36,7 @@ class GrowthWindow(FrozenModel):
 
     @model_validator(mode="after")
     def _check_scale(self) -> Self:
-        low, high = SCALE_RANGES[self.scale]
+        low, high = GROWTH_SCALE_RANGES[self.scale]
         if not low <= self.first <= self.last <= high:
             raise ValueError(
                 f"first {self.first:g} and last {self.last:g}: allowed is {low:g} to "
@@ -54,7 +54,7 @@ class GrowthStage(FrozenModel):
 
     @model_validator(mode="after")
     def _check_scale(self) -> Self:
-        low, high = SCALE_RANGES[self.scale]
+        low, high = GROWTH_SCALE_RANGES[self.scale]
         if not low <= self.stage <= high:
             raise ValueError(
                 f"stage {self.stage:g}: allowed is {low:g} to {high:g} on the scale {self.scale}"

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.reference_strips import Strips, StripValue
 from topdress.control.agronomy.response import ResponseRule, calc_field_response
-from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.agronomy.yield_potential import YieldPotential
 
 Why = Literal[

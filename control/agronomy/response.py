@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-from topdress.control.agronomy.strips import Strips, calc_measured_index
+from topdress.control.agronomy.reference_strips import Strips, calc_measured_index
 from topdress.control.frozen_model import FrozenModel
 
 ResponseRule = Literal["paper", "field"]

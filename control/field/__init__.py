@@ -5,7 +5,7 @@ Files:
 
 - `across`: Estimates the error of a single rate across the width
 - `boundary`: Defines the field's edge
-- `cells`: Defines the tests of a cell of the bitmap
+- `cell_tests`: Defines the tests of a cell of the bitmap
 - `compiled_cells`: Compiled loops over the bitmap's cells, for long simulated runs
 - `coverage`: Records the covered ground in a bitmap under the outlets
 - `done_ground`: Rasterises ground that another machine or program has covered

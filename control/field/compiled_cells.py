@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 from topdress.control.machine.compiled import compile_function, mark_compilable
 
-from .cells import TILE_CELLS, find_side_offset, is_passed_again, offset_places, put_triangle_sides
+from .cell_tests import (
+    TILE_CELLS,
+    find_side_offset,
+    is_passed_again,
+    offset_places,
+    put_triangle_sides,
+)
 
 for _piece in (put_triangle_sides, find_side_offset, is_passed_again, offset_places):
     mark_compilable(_piece)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from topdress.control.geodesy import Place, calc_plane_distance_m, find_unit_vector
 from topdress.control.machine.steps import CompiledSteps
 
-from .cells import (
+from .cell_tests import (
     TILE_CELLS,
     Corners,
     Floats,

@@ -18,8 +18,8 @@ from topdress.control.safety import DriveLimits, Verdict, limit_dose
 from topdress.control.sensing import Sensed
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET
 from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
+from topdress.control.targets.plant_doser import PlantDoser
 from topdress.control.targets.point import DoseThreshold
-from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target
 
 
@@ -28,7 +28,7 @@ class DosePlanner:
     outlet at its order, m."""
 
     def __init__(
-        self, machine: Machine, points: PointSource, ahead: WayAhead, limits: DriveLimits
+        self, machine: Machine, points: PlantDoser, ahead: WayAhead, limits: DriveLimits
     ) -> None:
         self.points = points
         self.ahead_m = 0.0
@@ -71,9 +71,9 @@ class DosePlanner:
         """Returns whether plants are the source of the target."""
         return choices.source is TargetSource.POINT
 
-    def may_turn(self, now_s: float) -> bool:
+    def may_still_be_turning(self, now_s: float) -> bool:
         """Returns whether the shaft may still be turning for an ordered dose."""
-        return self.points.may_turn(now_s)
+        return self.points.may_still_be_turning(now_s)
 
     def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
         """Returns the target for doses: a dose where the next would land inside the field,
@@ -135,7 +135,7 @@ class DosePlanner:
     def calc_rate_kg_ha(self, c: Conditions) -> float:
         """Returns the rate of the doses at the mean spacing of the last ones, kg/ha; 0 before
         the second."""
-        spacing_m = self.points.spacing_m
+        spacing_m = self.points.recent_dose_spacing_m
         # Without two doses no spacing is known.
         if not spacing_m:
             return 0.0
@@ -164,7 +164,7 @@ class NoDosePlanner:
     def are_chosen(self, choices: Choices) -> bool:
         return False
 
-    def may_turn(self, now_s: float) -> bool:
+    def may_still_be_turning(self, now_s: float) -> bool:
         return False
 
     def find_target(self, sensed: Sensed, may_outside: bool) -> Target:

@@ -75,8 +75,8 @@ from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAh
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.lag_correction import ChangeQueue
 from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.plant_doser import PlantDoser
 from topdress.control.targets.point import DoseThreshold
-from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target, TargetChange
 
 # Maximum length of a tick, s; a longer tick counts as this.
@@ -117,7 +117,7 @@ class ControlLoop:
         *,
         safety_limits: SafetyLimits | None = None,
         prescription: MapProfile | None = None,
-        points: PointSource | None = None,
+        points: PlantDoser | None = None,
         headland: BoundaryAhead | None = None,
         obeyed: bool = True,
         index_map: IndexMap | None = None,
@@ -395,7 +395,7 @@ class ControlLoop:
         decision = self._decide_pair(moment)
         metered = self._measure_flow(moment, decision)
         choices = self._operator.choices
-        between = decision.by_point and self._doses.may_turn(moment.m.time_s)
+        between = decision.by_point and self._doses.may_still_be_turning(moment.m.time_s)
         # Safety sees the decision before the drives do and can forbid any flow.
         verdict = self.safety.check_tick(
             moment.m.time_s,
@@ -1066,7 +1066,7 @@ def _find_stop_lag(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
 
 
 def _find_reckoning_limit_m(
-    machine: Machine, prescription: MapProfile | None, points: PointSource | None
+    machine: Machine, prescription: MapProfile | None, points: PlantDoser | None
 ) -> float:
     """Returns the maximum error of a dead-reckoned position, m: half the width, or half a cell
     of the map. Doses require a measured position."""
@@ -1080,7 +1080,7 @@ def _find_reckoning_limit_m(
 def _choose_plane(
     job: Job,
     prescription: MapProfile | None,
-    points: PointSource | None,
+    points: PlantDoser | None,
     index_map: IndexMap | None,
     done: DoneGround | None,
 ) -> TangentPlane | None:

@@ -10,14 +10,14 @@ from math import inf, isfinite
 from typing import Any
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.strips import StripValue, parse_strip
+from topdress.control.agronomy.reference_strips import StripValue, parse_strip
 from topdress.control.field.job import Job
 from topdress.control.loop.tick_state import Choices
 from topdress.control.metering.flow_trim import FlowTrim
 from topdress.control.metering.setting import PairPlanner
 from topdress.control.orders import MAP_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
 from topdress.control.safety import BenchSetting, Safety, apply_bench_order, make_refusal
-from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, PointSource
+from topdress.control.targets.plant_doser import OTHER_PLANT_DISTANCE_M, PlantDoser
 
 # `3 off`, `3 auto` and `all auto` are the words of the order; ASCII excludes other digits.
 _SECTION_PATTERN = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
@@ -40,7 +40,7 @@ class Operator:
         setting: PairPlanner,
         *,
         flow_trim: FlowTrim,
-        points: PointSource | None,
+        points: PlantDoser | None,
         has_map: bool,
         started: Callable[[], None],
         strip_measured: Callable[[StripValue], None],
@@ -181,7 +181,7 @@ class Operator:
 
     def _handle_dose_error(self, order: Order, now_s: float) -> Answer:
         error_m = _read_number(order)
-        if error_m is None or abs(error_m) > MAX_DOSE_ERROR_M:
+        if error_m is None or abs(error_m) > OTHER_PLANT_DISTANCE_M:
             return Answer(False, "dose_error_out_of_range")
         # A measured error can be assigned only to a dose that has landed.
         if self._points is None or not self._points.learn_dose_error(error_m, now_s):

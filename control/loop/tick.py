@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.control.agronomy.strips import Strips
+from topdress.control.agronomy.reference_strips import Strips
 from topdress.control.log_row import LogRow
 from topdress.control.loop.tick_state import Choices
 from topdress.control.orders import Alarm, SectionState, TargetSource

@@ -383,7 +383,7 @@ def list_correction_claims() -> list[Claim]:
     ]
 
 
-def list_set_up_claims() -> list[Claim]:
+def list_uncomputable_claims() -> list[Claim]:
     """Returns claims about the set-up, which cannot be calculated from other numbers."""
     return [
         # Explanations and drawings are listed, so that no statement of the paper is missing.
@@ -436,5 +436,5 @@ def list_lag_claims(machine: Machine) -> list[Claim]:
         *list_table_claims(machine),
         *list_table_4_claims(machine),
         *list_correction_claims(),
-        *list_set_up_claims(),
+        *list_uncomputable_claims(),
     ]

@@ -612,7 +612,7 @@ def list_yield_claims() -> list[Claim]:
     ]
 
 
-def list_set_up_claims() -> list[Claim]:
+def list_uncomputable_claims() -> list[Claim]:
     """Returns claims about the trial and the machine, which are inputs here."""
     # Inputs are listed so that the table has every statement of the paper.
     return [
@@ -646,5 +646,5 @@ def list_decision_claims(
         *list_rate_claims(crop, forward, simulated),
         *list_ndvi_claims(),
         *list_yield_claims(),
-        *list_set_up_claims(),
+        *list_uncomputable_claims(),
     ]

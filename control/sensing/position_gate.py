@@ -177,7 +177,7 @@ class PositionGate:
     def _begin_walk(self, walk: Walk, mark: Mark) -> JudgedPlace:
         self._before_walk, self._back = walk.since, 0
         self._again_s = min(
-            WINDOWS_S[-1], max(AGREEING_S, mark.time_s - self._watch.agreeing_since_s)
+            WINDOWS_S[-1], max(AGREEING_S, mark.time_s - self._watch.places_agree_since_s)
         )
         self._watch.forget_marks(mark)
         return JudgedPlace(False, walk.off_m, walks=True, back=walk.place)
@@ -190,7 +190,7 @@ class PositionGate:
         assert self._before_walk is not None
         walk = find_walk_between(self._before_walk, mark, GATE_CHI_SQUARE, timing_m)
         self._back = self._back + 1 if walk is None else 0
-        long_enough = mark.time_s - self._watch.agreeing_since_s >= self._again_s - 1e-6
+        long_enough = mark.time_s - self._watch.places_agree_since_s >= self._again_s - 1e-6
         if self._watch.find_walk(mark, GATE_CHI_SQUARE, timing_m) is not None:
             self._watch.forget_marks(mark)
         elif self._back >= AGREEING_EPOCHS or long_enough:

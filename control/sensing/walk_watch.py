@@ -113,7 +113,7 @@ class WalkWatch:
         return -inf if self._last is None else self._last.time_s
 
     @property
-    def agreeing_since_s(self) -> float:
+    def places_agree_since_s(self) -> float:
         """Returns the time since when places agree, s; infinity before the first."""
         return self._marks[0].time_s if self._marks else inf
 

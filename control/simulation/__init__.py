@@ -15,7 +15,7 @@ Files:
 - `plant`: How does the modelled machine behave in its field?
 - `plant_rows`: Where do the plants of the simulated field stand along the machine's way?
 - `point_run`: How accurate is point mode over a row of plants
-- `resting_drives`: Which model steps need not be computed?
+- `skip_resting_steps`: Which model steps need not be computed?
 - `tractor`: Where does the tractor drive, and how fast?
 - `valves`: How do the valves of a simulated machine share the metered material?
 - `vision`: Which plants does a simulated camera report?

@@ -20,9 +20,9 @@ from topdress.control.readings import DoseOrder
 from topdress.control.targets.boundary_profile import BoundaryAhead
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.plant_doser import DoseError, PlantDoser
 from topdress.control.targets.plants import PlantList
 from topdress.control.targets.point import PointLag
-from topdress.control.targets.point_source import DoseError, PointSource
 
 from .plant import Plant, Truth
 from .tractor import make_field_boundary
@@ -118,7 +118,7 @@ def _subtract_headland(job: Job) -> Boundary:
 
 def make_point_source(
     machine: Machine, job: Job, plants: PlantList | None, dose_errors: Sequence[DoseError] = ()
-) -> PointSource:
+) -> PlantDoser:
     """Returns the point mode of a job. Its lag follows the machine file: the time between
     command and shaft is the link (point paper, eq 2), the fall is the drop time; a camera's
     computing time is known from its pictures."""
@@ -131,7 +131,7 @@ def make_point_source(
         dose.angle_deg / (6.0 * dose.shaft_rpm),
         calc_drop_s(machine.fall, dose.shaft_rpm),
     )
-    return PointSource(
+    return PlantDoser(
         lag,
         dose,
         0.5 * machine.geometry.working_width_m,

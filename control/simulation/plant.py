@@ -32,7 +32,7 @@ from .canopy import HeadRow, make_canopy_field
 from .noise import CorrelatedNoise, NormalNumbers
 from .on_hopper import HopperDisturbance
 from .plant_rows import find_plants_along_way, make_simulated_plants
-from .resting_drives import (
+from .skip_resting_steps import (
     advance_idle_hopper,
     advance_resting,
     is_drive_resting,

@@ -11,9 +11,9 @@ Files:
 - `map_profile`: Which targets of the prescription lie ahead of the outlets?
 - `outside_target`: Which target does another display send, and which holds while it is silent?
 - `overlap`: Which ground ahead along the working line has its material from an earlier pass?
+- `plant_doser`: Which dose is due in this tick?
 - `plants`: Where along the track do the plants stand?
 - `point`: When is the dose of a plant commanded?
-- `point_source`: Which dose is due in this tick?
 - `prescription`: Which rates does a prescription give?
 - `profile`: Which target holds at a place of the track, and where does it change next?
 - `rate_map`: Which rate does a map have at a place, and where along a straight line may it change?

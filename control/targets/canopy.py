@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.agronomy.noa import Rule
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.orders import TargetSource
 
 from .profile import DecidedStretches, Target, TargetChange, TargetProfile

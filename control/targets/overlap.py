@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from topdress.control.field.cells import offset_places
+from topdress.control.field.cell_tests import offset_places
 from topdress.control.field.coverage import Coverage, Covered, Raster
 from topdress.control.field.ground_trace import GroundTrace
 from topdress.control.geodesy import Place, find_unit_vector

@@ -4,10 +4,10 @@ hardware. See docs/wiring.md.
 
 Files:
 
+- `board_sensors`: How are the parts at the slave board read?
 - `framing`: How are frames of the boards' line protocols built and read?
 - `lag_rig`: How does the lag rig measure response and drop time (lag paper, 1.2)?
 - `motion`: How do the drives move? The shaft speed is controlled by PI with feed-forward
-- `parts`: How are the parts at the slave board read?
 - `rp2`: What do the main programs of both boards share on an RP2040 (Raspberry Pi Pico)?
 - `rp2_lag_rig`: How does the lag rig run on an RP2040?
 - `rp2_slave`: How does the slave board run on an RP2040 (Raspberry Pi Pico)?

@@ -9,7 +9,7 @@ import time
 import machine  # type: ignore[import-not-found]
 import micropython  # type: ignore[import-not-found]
 
-from .parts import UsbLine
+from .board_sensors import UsbLine
 
 
 def open_usb_line() -> UsbLine:

@@ -10,7 +10,7 @@ import time
 
 import machine
 
-from drivers.board.parts import Inclinometer, LoadCell
+from drivers.board.board_sensors import Hx711LoadCell, Lis3dhInclinometer
 from drivers.board.rp2 import Board
 from drivers.board.slave import BoardSettings, Pins, SlaveProgram
 
@@ -85,12 +85,12 @@ class Rp2Pins(Board, Pins):
             machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP),
         )
         self._scale = (
-            LoadCell(*scale, settings.kg_per_count, settings.zero_kg)
+            Hx711LoadCell(*scale, settings.kg_per_count, settings.zero_kg)
             if settings.scale_fitted
             else None
         )
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
-        self._tilt = Inclinometer(bus) if settings.tilt_fitted else None
+        self._tilt = Lis3dhInclinometer(bus) if settings.tilt_fitted else None
         self._tilt_us = 0
 
     def _on_shaft(self, pin: object) -> None:

@@ -42,13 +42,13 @@ Files:
 - `run_log`: How are run logs (docs/format-run-log.md) written?
 - `run_meta`: With which software, machine, crop, job and files was a run made?
 - `settings`: Which settings of the console does a user choose?
-- `settings_theme`: Which theme has a user made?
 - `setup`: Which configuration does a run need?
 - `shape_sets`: Which files form a shapefile?
 - `sheet_text`: What content do a workbook's sheets have
 - `stated_units`: Which units does a file state outside of a column's name and cells?
 - `table`: How are tables of any origin read as columns by name?
 - `trial`: Which plots does a trial have, and which amounts were applied, read
+- `user_themes`: Which theme has a user made?
 - `weather`: How is daily weather read from a CSV file
 - `xml_text`: How does topdress read XML?
 - `yaml_text`: How does topdress read and write YAML?

@@ -15,7 +15,7 @@ from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.file_sniffer import sniff_file_kind
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_log_store
-from topdress.drivers.files.read_log import RunLog, build_log, read_filled_log
+from topdress.drivers.files.read_log import RunLog, build_log, read_nonempty_log
 from topdress.drivers.files.run_meta import RunMeta
 
 # Names of the import file of a single log, and of a folder (docs/import.md).
@@ -68,7 +68,7 @@ def open_any_log(path: Path, without: Collection[str] = ()) -> RunLog:
     file = FileContent(path)
     if not file.foreign:
         try:
-            return read_filled_log(path, without)
+            return read_nonempty_log(path, without)
         except TableError:
             if is_log_store(path) or "time_s" in [name.strip().lower() for name in file.names]:
                 # A topdress log that fails is not imported. A foreign log may use the same names,

@@ -11,7 +11,7 @@ from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.files.config import ConfigKind, ConfigKinds
 from topdress.drivers.files.imports.mapping import IMPORT_KIND
 from topdress.drivers.files.settings import SETTINGS_KIND
-from topdress.drivers.files.settings_theme import THEME_KIND
+from topdress.drivers.files.user_themes import THEME_KIND
 
 # Formats are contracts, because every file names its own.
 MACHINE_KIND = ConfigKind("topdress-machine/1", "machines", Machine, convert_old_tables)

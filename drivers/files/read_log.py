@@ -202,7 +202,7 @@ def build_log(path: Path, given: Columns, meta: RunMeta) -> RunLog:
     return log
 
 
-def read_filled_log(path: str | Path, without: Collection[str] = ()) -> RunLog:
+def read_nonempty_log(path: str | Path, without: Collection[str] = ()) -> RunLog:
     """Returns a run log with rows; `without` is as in `read_log`. Raises TableError also for a log
     without a whole row."""
     log = read_log(path, without=without)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import make_rate_table, prepare_rule
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.agronomy.yield_potential import YIELD_SETS, YieldPotential
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config_error import ConfigError

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import calc_yield_without_t_ha, prepare_rule
-from topdress.control.agronomy.response import HarvestLine, calc_field_response
-from topdress.control.agronomy.strips import (
+from topdress.control.agronomy.reference_strips import (
     Strips,
     StripValue,
     calc_measured_index,
     find_index_doubt,
     parse_strip,
 )
+from topdress.control.agronomy.response import HarvestLine, calc_field_response
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import CROP_KIND

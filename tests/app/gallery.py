@@ -38,8 +38,8 @@ class StillSource:
     """A source whose newest frame is set by hand; every order is kept and accepted, until `end`
     is given an error."""
 
-    def __init__(self, newest: Frame | None = None) -> None:
-        self.newest = newest
+    def __init__(self, current_frame: Frame | None = None) -> None:
+        self.current_frame = current_frame
         self.orders: list[Order] = []
         self.device_orders: list[tuple[str, DeviceDo]] = []
         self.lag_tests: list[bool] = []
@@ -251,9 +251,9 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     if (
         where in (DEVICES, CALIBRATE)
         and isinstance(app.source, StillSource)
-        and app.source.newest is not None
+        and app.source.current_frame is not None
     ):
-        app.source.newest = pose(app, picture.screen, app.source.newest)
+        app.source.current_frame = pose(app, picture.screen, app.source.current_frame)
         app.show_newest()
     if picture.screen == "map-laid" and isinstance(app.page, MapScreen):
         app.page.overlay_file("/logs/autumn.geojson")

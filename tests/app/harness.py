@@ -20,8 +20,10 @@ def text_of(app) -> str:
 
 def tell(source, row=None, **frame) -> None:
     """The next frame: other than the last in this of its row, and of itself."""
-    last = source.newest
-    source.newest = replace(last, seq=last.seq + 1, row=last.row._replace(**row or {}), **frame)
+    last = source.current_frame
+    source.current_frame = replace(
+        last, seq=last.seq + 1, row=last.row._replace(**row or {}), **frame
+    )
 
 
 def in_state(source, state, **frame) -> None:

@@ -81,7 +81,7 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
 
 @pytest.mark.parametrize("size", [(160, 50), (120, 40), (100, 30), (80, 24), (60, 20)])
 async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown, size):
-    source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
+    source.current_frame = frame_with(source.current_frame, state="fault", why="shaft_silent")
     async with app.run_test(size=size) as pilot:
         await later(app, pilot)
         bar = app.page.query_one("#alarms", AlarmBar)
@@ -101,7 +101,7 @@ async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown,
 
 async def test_a_fault_leaves_the_device_that_is_at_fault_in_sight(app, source, shown, turned):
     """Twelve rows of the alarm at 80 x 24 left none for what the board says."""
-    source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
+    source.current_frame = frame_with(source.current_frame, state="fault", why="shaft_silent")
     async with app.run_test(size=(80, 24)) as pilot:
         await turned(app, pilot, "devices")
         rows = shown(app)

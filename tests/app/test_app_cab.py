@@ -24,9 +24,9 @@ SIZE = (120, 40)
 
 
 async def field_known(app, pilot):
-    app.fields.find_picture(app.source.newest)
+    app.fields.find_picture(app.source.current_frame)
     await settled(app, pilot)
-    assert app.fields.find_picture(app.source.newest) is not None
+    assert app.fields.find_picture(app.source.current_frame) is not None
 
 
 # --- presets
@@ -34,7 +34,7 @@ async def field_known(app, pilot):
 
 
 async def test_a_preset_is_two_keys_and_can_be_taken_back(full, source, pilot):
-    before = source.newest.row.target_source
+    before = source.current_frame.row.target_source
     await pilot.press("full_stop")
     assert (
         isinstance(full.screen, Confirm)
@@ -60,7 +60,9 @@ async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source, pil
 
 async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(full, source):
     full.hopper_kg = 300.0
-    source.newest = replace(source.newest, row=source.newest.row._replace(hopper_kg=49.5))
+    source.current_frame = replace(
+        source.current_frame, row=source.current_frame.row._replace(hopper_kg=49.5)
+    )
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("f", "f")
         assert isinstance(full.screen, NumberDialog) and full.screen.reading.value == 250.5

@@ -38,7 +38,7 @@ def job():
 
 @pytest.fixture
 def app(source, frames, clock, job):
-    source.newest = standing(frames[-1])
+    source.current_frame = standing(frames[-1])
     return TopdressApp(
         source, clock, live=False, utc_offset_s=0.0, services=Services(calibrate=job)
     )
@@ -213,8 +213,8 @@ async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_nex
 
 async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
     """Frames of a run at these settings, five a second."""
-    time_s = source.newest.row.time_s
-    seq = source.newest.seq
+    time_s = source.current_frame.row.time_s
+    seq = source.current_frame.seq
     for index in range(int((seconds + 2.0) / 0.2)):
         time_s, seq = time_s + 0.2, seq + 1
         running = index * 0.2 < seconds
@@ -224,7 +224,7 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
             opening_mm=mm,
             shaft_rpm=rpm if running else 0.0,
         )
-        source.newest = replace(
+        source.current_frame = replace(
             frame,
             seq=seq,
             at_s=time_s,
@@ -236,7 +236,7 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
         if index % 5 == 0:
             app.show_newest()
         else:
-            app.page.gather_frame(source.newest)
+            app.page.gather_frame(source.current_frame)
     await later(app, pilot)
 
 
@@ -354,13 +354,15 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, pilot, p
 
 
 async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, opened, shown):
-    source.newest = lag_under_way(many_devices(standing(frames[-1])))
-    source.newest = replace(source.newest, lag_test=None)
+    source.current_frame = lag_under_way(many_devices(standing(frames[-1])))
+    source.current_frame = replace(source.current_frame, lag_test=None)
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=1)
         await pilot.press("b")
         assert source.lag_tests == [True]
-        source.newest = replace(lag_under_way(source.newest), seq=source.newest.seq + 1)
+        source.current_frame = replace(
+            lag_under_way(source.current_frame), seq=source.current_frame.seq + 1
+        )
         clock.now_s += 0.5
         app.show_newest()
         await hold_mouse(pilot, page, "cal_run")
@@ -370,7 +372,9 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         await pilot.press("b")
         assert source.lag_tests == [True, False]
         await pilot.mouse_up("#cal-chips", offset=(1, 0))
-        source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
+        source.current_frame = replace(
+            source.current_frame, lag_test=None, seq=source.current_frame.seq + 1
+        )
         clock.now_s += 0.5
         app.show_newest()
         await pilot.press("q", "5", "enter")
@@ -406,7 +410,7 @@ async def test_a_fouled_head_is_named_after_thirty_seconds(
     async with app.run_test(size=SIZE) as pilot:
         await opened(pilot, right=2)
         await pilot.press("b")
-        source.newest = frame
+        source.current_frame = frame
         for index in range(160):
             heads = tuple(
                 0.5 + 0.004 * ((index + k) % 3) - (0.06 if k == 4 else 0.0) for k in range(6)
@@ -424,7 +428,7 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=3)
         await pilot.press("b", "f2")
-        source.newest = frame
+        source.current_frame = frame
         feed(
             app,
             (
@@ -455,7 +459,7 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(
 async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(
     app, source, frames, opened, shown
 ):
-    source.newest = replace(
+    source.current_frame = replace(
         frames[-1], row=frames[-1].row._replace(shaft_effort=58.25), log_path=""
     )
     async with app.run_test(size=SIZE) as pilot:
@@ -499,7 +503,7 @@ async def test_tabs_are_clickable(pilot, page):
 
 
 async def test_without_files_the_page_says_so(source, clock, frames):
-    source.newest = standing(frames[-1])
+    source.current_frame = standing(frames[-1])
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f6", "q", "1", "enter")

@@ -22,7 +22,7 @@ SIZE = (120, 40)
 
 @pytest.fixture
 def source(source, frames):
-    source.newest = many_devices(frames[-1])
+    source.current_frame = many_devices(frames[-1])
     return source
 
 
@@ -160,7 +160,7 @@ async def test_last_lines_are_kept_while_another_page_is_looked_at(
     app, source, clock, shown, pilot
 ):
     for number in range(3):
-        first, *rest = source.newest.devices
+        first, *rest = source.current_frame.devices
         feed(app, [{}], step_s=0.2, devices=(replace(first, last_raw=f"$LINE,{number}"), *rest))
     await opened(app, pilot)
     text = "\n".join(shown(app))

@@ -269,7 +269,9 @@ async def test_tied_causes_are_equals_and_the_next_test_leads(app, shown, answer
 @pytest.mark.exam
 async def test_the_list_is_read_anew_when_another_job_is_at_work(app, source, pilot, page):
     assert page.sources is not None
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="another.csv")
+    source.current_frame = replace(
+        source.current_frame, seq=source.current_frame.seq + 1, log_path="another.csv"
+    )
     app.show_newest()
     assert page.sources is None or page._listing is not None
     await settled(app, pilot)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
-from topdress.console.app.dose_change import DoseChange, predict_dose_change
+from topdress.console.app.dose_change_check import DoseChange, predict_dose_change
 from topdress.control.orders import Do, Order, TargetSource
 
 from tests.app.gallery import StillSource
@@ -92,7 +92,7 @@ async def test_every_typed_rate_that_is_far_from_the_one_before_is_asked(app, so
 async def test_another_source_says_its_rate_and_is_asked_where_it_is_far_off(
     app, source, pilot, size
 ):
-    source.newest = at_rate(source.newest, 0.0)
+    source.current_frame = at_rate(source.current_frame, 0.0)
     await later(app, pilot)
     await pilot.press("o")
     assert isinstance(app.screen, ChoiceDialog) and "441 kg/ha" in text_of(app)
@@ -106,7 +106,7 @@ async def test_another_source_says_its_rate_and_is_asked_where_it_is_far_off(
 
 async def test_a_change_that_is_taken_back_says_the_dose_too(app, source, pilot):
     await pilot.press("m", *"120", "enter")
-    source.newest = at_rate(source.newest, 300.0)
+    source.current_frame = at_rate(source.current_frame, 300.0)
     await later(app, pilot)
     await pilot.press("ctrl+z")
     text = f"{app.screen.heading} {app.screen.text}"

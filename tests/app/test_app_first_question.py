@@ -102,7 +102,7 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
         await asked(full, pilot)
         await pilot.press("x")
         assert Order(Do.STOP) in source.orders and isinstance(full.screen, ChoiceDialog)
-        feed(full, [{"state": "working", "time_s": source.newest.row.time_s + 1}])
+        feed(full, [{"state": "working", "time_s": source.current_frame.row.time_s + 1}])
         await pilot.press("enter")
         await settled(full, pilot)
         assert ("drop",) in desk.asked and "stop it first" in full.notice_text and not full.gone

@@ -30,7 +30,7 @@ from topdress.console.app.units import METRIC
 from topdress.console.frame import Tally
 from topdress.console.link import WorkerGone
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.control.agronomy.strips import Strips, parse_strip
+from topdress.control.agronomy.reference_strips import Strips, parse_strip
 from topdress.control.field.job import Wanted
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order, Severity
@@ -241,7 +241,7 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(app, desk, source, c
     await on_job(app, pilot)
     feed(app, [{"state": "ready"}])
     await pilot.press("b")
-    start_s = source.newest.row.time_s
+    start_s = source.current_frame.row.time_s
     feed(
         app,
         [
@@ -274,7 +274,7 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(app,
         await pilot.press("b")
         assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
         await pilot.press("2", "enter")
-        start_s = source.newest.row.time_s
+        start_s = source.current_frame.row.time_s
         feed(
             app,
             [
@@ -388,7 +388,9 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(app, desk, sourc
     await settled(app, pilot)
     assert any("not taken: bench.yaml" in row for row in shown(app))
     app.page.refill.seen_kg = 16.0
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="logs/next.csv")
+    source.current_frame = replace(
+        source.current_frame, seq=source.current_frame.seq + 1, log_path="logs/next.csv"
+    )
     app.show_newest()
     await settled(app, pilot)
     text = "\n".join(shown(app))
@@ -461,7 +463,7 @@ def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
 
 
 async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(app, source, pilot):
-    start_s = source.newest.row.time_s
+    start_s = source.current_frame.row.time_s
     feed(
         app,
         [

@@ -94,7 +94,7 @@ async def test_ready_at_work_says_what_holds(full, source, turned, pilot):
 
 async def test_a_source_that_the_job_has_not_is_marked_as_a_map_is(full, source):
     """Plant by plant was taken, and then refused."""
-    source.newest = replace(source.newest, sources=("canopy", "manual", "fallback"))
+    source.current_frame = replace(source.current_frame, sources=("canopy", "manual", "fallback"))
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("o")
         why = {one.value: one.why for one in full.screen.choices}

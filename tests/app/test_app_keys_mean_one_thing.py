@@ -145,7 +145,7 @@ async def test_a_greyed_order_goes_out_all_the_same(full, source):
 
 async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, source, shown, pilot):
     await settled(full, pilot)
-    picture = full.fields.find_picture(source.newest)
+    picture = full.fields.find_picture(source.current_frame)
     full.fields._known = {key: replace(picture, planned=None) for key in full.fields._known}
     await pilot.press("o", "2", "enter")
     assert isinstance(full.screen, ChoiceDialog) and source.orders == []

@@ -125,7 +125,9 @@ async def test_a_digit_alone_takes_nothing_in_any_list(full, source, keys):
 
 
 async def test_the_menu_and_enter_ask_one_question_only(full, source):
-    source.newest = replace(source.newest, row=source.newest.row._replace(state="held"))
+    source.current_frame = replace(
+        source.current_frame, row=source.current_frame.row._replace(state="held")
+    )
     async with full.run_test(size=(100, 30)) as pilot:
         await pilot.press("f10", "q", "5", "enter")
         assert isinstance(full.screen, Confirm) and full.screen.heading == "End this job?"

@@ -239,7 +239,7 @@ async def test_only_rows_that_changed_are_drawn_again(clock):
         await pilot.press("plus")
         drawn = []
         for frame in frames[1:]:
-            source.newest = frame
+            source.current_frame = frame
             clock.now_s += 0.2
             before = pane.rows_drawn
             app.show_newest()
@@ -257,7 +257,7 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
     async with app.run_test(size=SIZE) as pilot:
         pane = await opened(app, pilot)
         for frame in frames[1:]:
-            source.newest = frame
+            source.current_frame = frame
             clock.now_s += 0.2
             app.show_newest()
         await later(app, pilot, 1.0)
@@ -332,7 +332,9 @@ async def test_a_field_is_loaded_once_for_each_job(clock):
         await opened(app, pilot)
         for k in range(1, 8):
             clock.now_s += 1.0
-            source.newest = replace(frame, seq=frame.seq + k, job="other" if k > 4 else frame.job)
+            source.current_frame = replace(
+                frame, seq=frame.seq + k, job="other" if k > 4 else frame.job
+            )
             await later(app, pilot)
         assert asked == [frame.job, "other"]
         assert app.history.worked.width_m == 3.0
@@ -365,15 +367,15 @@ async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
     app = TopdressApp(source, clock, live=False, replay=ReplayJob(log, "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
         pane = await opened(app, pilot)
-        assert pane.view.place == source.newest.place_m and "REPLAY" not in shown(app)[0]
+        assert pane.view.place == source.current_frame.place_m and "REPLAY" not in shown(app)[0]
         await pilot.press("q", "1", "enter")
-        assert pane.view.place == log.newest.place_m
-        assert pane.view.worked.box.north_m == pytest.approx(log.newest.place_m[1], abs=0.5)
+        assert pane.view.place == log.current_frame.place_m
+        assert pane.view.worked.box.north_m == pytest.approx(log.current_frame.place_m[1], abs=0.5)
         assert "REPLAY" in shown(app)[0] and "MACHINE: WORKING" in shown(app)[0]
         await pilot.press("space")
         assert [order.do.value for order in source.orders] == ["hold"], "hold is for the machine"
         await pilot.press("q", "1", "enter")
-        assert pane.view.place == source.newest.place_m
+        assert pane.view.place == source.current_frame.place_m
 
 
 async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, clock, shown):

@@ -69,7 +69,9 @@ async def test_files_on_the_command_line_may_take_the_place_of_a_machine_that_ru
     """They were only said not to be used."""
     desk = SampleJobService()
     desk.next = StillSource(frames[-1])
-    source.newest = replace(source.newest, row=source.newest.row._replace(state="off"))
+    source.current_frame = replace(
+        source.current_frame, row=source.current_frame.row._replace(state="off")
+    )
     app = TopdressApp(source, clock, live=False, services=Services(job=desk), joined=JOINED)
     async with app.run_test(size=(80, 24)) as pilot:
         assert isinstance(app.screen, ChoiceDialog)

@@ -313,7 +313,7 @@ async def test_nothing_is_cut_with_alarms(screen):
 
 def late(app):
     """The end of a long day on a large field: every number has its most digits."""
-    frame, picture = app.source.newest, app.fields.find_picture(app.source.newest)
+    frame, picture = app.source.current_frame, app.fields.find_picture(app.source.current_frame)
     assert picture is not None
     row = frame.row._replace(
         time_s=frame.row.time_s + 40_000.0,
@@ -329,7 +329,7 @@ def late(app):
         overlap_ha=12.34,
         applied_n_kg=21_012.5,
     )
-    app.source.newest = replace(
+    app.source.current_frame = replace(
         frame,
         row=row,
         area_ha=138.61,
@@ -343,8 +343,8 @@ def late(app):
 
 def full_job(app):
     """A job with everything that a check list, totals and notes can hold."""
-    frame = app.source.newest
-    app.source.newest = replace(
+    frame = app.source.current_frame
+    app.source.current_frame = replace(
         frame,
         totals=frame.totals._replace(stopped_kg=1.3),
         tally=frame.tally._replace(

@@ -257,7 +257,9 @@ async def test_the_question_after_a_rate_repeats_it(app, source, shown, pilot):
 
 async def test_a_typed_number_is_no_nudge(app, source):
     """The 0 of `10` took the nudge away."""
-    source.newest = replace(source.newest, row=source.newest.row._replace(nudge_percent=5.0))
+    source.current_frame = replace(
+        source.current_frame, row=source.current_frame.row._replace(nudge_percent=5.0)
+    )
     async with app.run_test(size=SIZE) as pilot:
         app.show_newest()
         await pilot.press("plus")
@@ -275,7 +277,9 @@ async def test_a_typed_number_is_no_nudge(app, source):
 
 
 async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, source, shown):
-    source.newest = replace(source.newest, row=source.newest.row._replace(hopper_kg=50.0))
+    source.current_frame = replace(
+        source.current_frame, row=source.current_frame.row._replace(hopper_kg=50.0)
+    )
     async with app.run_test(size=SIZE) as pilot:
         app.show_newest()
         app.job_page.refill.seen_kg = 250.0
@@ -321,7 +325,7 @@ async def test_a_refill_that_would_run_over_is_asked_again(
 ):
     """watched: the console saw the machine work, and nothing filled in since."""
     async with app.run_test(size=SIZE) as pilot:
-        at_s = source.newest.row.time_s
+        at_s = source.current_frame.row.time_s
         feed(
             app,
             [

@@ -205,21 +205,21 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
         async with app.run_test(size=size) as pilot:
             await turned(app, pilot, "job")
             for state, row in STATES:
-                frame = app.source.newest
-                app.source.newest = replace(
+                frame = app.source.current_frame
+                app.source.current_frame = replace(
                     frame, seq=frame.seq + 1, row=frame.row._replace(state=state)
                 )
                 await looked(app, pilot)
                 assert any(row in one for one in shown(app)), (size, state)
-            frame = app.source.newest
-            app.source.newest = replace(
+            frame = app.source.current_frame
+            app.source.current_frame = replace(
                 frame, seq=frame.seq + 1, row=frame.row._replace(state="off")
             )
             app.show_newest()
             await pilot.press("r")
             assert [one.do for one in app.source.orders] == [Do.READY]
-            app.source.newest = replace(
-                app.source.newest, seq=frame.seq + 2, row=frame.row._replace(state="ready")
+            app.source.current_frame = replace(
+                app.source.current_frame, seq=frame.seq + 2, row=frame.row._replace(state="ready")
             )
             app.show_newest()
             await pilot.press("s")

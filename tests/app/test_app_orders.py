@@ -73,7 +73,7 @@ ASKED = [
 
 async def test_what_changes_the_dose_is_asked_once(app, source, pilot):
     """Nothing goes out before Enter."""
-    tell(source, sources=("manual",), source_rates=(source.newest.row.target_rate_kg_ha,))
+    tell(source, sources=("manual",), source_rates=(source.current_frame.row.target_rate_kg_ha,))
     await later(app, pilot)
     for keys, order in ASKED:
         await pilot.press(*keys[:-1])
@@ -85,14 +85,16 @@ async def test_what_changes_the_dose_is_asked_once(app, source, pilot):
 
 @pytest.mark.parametrize(("side", "error_m"), [("1", 0.12), ("2", -0.12)])
 async def test_a_dose_error_is_asked_by_its_side_and_in_metres(app, source, side, error_m):
-    source.newest = replace(source.newest, sources=(*source.newest.sources, "point"))
+    source.current_frame = replace(
+        source.current_frame, sources=(*source.current_frame.sources, "point")
+    )
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("semicolon", side, "enter", "0", "full_stop", "1", "2", "enter")
         assert source.orders == [Order(Do.DOSE_ERROR, pytest.approx(error_m))]
 
 
 async def test_a_job_without_plants_has_no_dose_error(app, source):
-    source.newest = replace(source.newest, sources=("canopy", "manual", "fallback"))
+    source.current_frame = replace(source.current_frame, sources=("canopy", "manual", "fallback"))
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("semicolon")
         assert source.orders == [] and len(app.screen_stack) == 1 and "no plants" in app.notice_text
@@ -115,8 +117,8 @@ def test_a_nudge_stays_within_30_percent():
 
 
 async def test_a_nudge_begins_at_the_one_in_force(app, source):
-    row = source.newest.row._replace(nudge_percent=10.0)
-    source.newest = replace(source.newest, row=row)
+    row = source.current_frame.row._replace(nudge_percent=10.0)
+    source.current_frame = replace(source.current_frame, row=row)
     assert await press(app, "minus", "enter") == [Order(Do.NUDGE, 5.0)]
 
 
@@ -200,14 +202,18 @@ async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, cl
 async def test_acknowledge_names_each_red_alarm_that_stands(app, source):
     from tests.app.made_up.run import sample_alarms
 
-    source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
+    source.current_frame = replace(
+        source.current_frame, alarms=sample_alarms(source.current_frame.at_s)
+    )
     assert await press(app, "a") == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
 
 
 async def test_a_click_on_the_alarms_acknowledges(app, source):
     from tests.app.made_up.run import sample_alarms
 
-    source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
+    source.current_frame = replace(
+        source.current_frame, alarms=sample_alarms(source.current_frame.at_s)
+    )
     async with app.run_test(size=SIZE) as pilot:
         await pilot.click(AlarmBar)
         assert source.orders == [Order(Do.ACKNOWLEDGE, "shaft_silent")]

@@ -52,11 +52,11 @@ def drawn(app) -> str:
 @pytest.mark.parametrize("key", ["f1", "f2", "f4", "f10"])
 async def test_no_page_lets_a_text_steer(app, source, key):
     bad = "".join(STEERING)
-    frame = source.newest
+    frame = source.current_frame
     devices = tuple(
         replace(device, last_raw=bad, last_error=bad, protocol=bad) for device in frame.devices
     )
-    source.newest = replace(
+    source.current_frame = replace(
         frame, job=bad, machine=bad, crop=bad, log_path=f"/tmp/{bad}.csv", devices=devices
     )
     async with app.run_test(size=(120, 40)) as pilot:

@@ -94,7 +94,7 @@ def app(source, clock, tmp_path, monkeypatch):
         job=JobFiles(launcher),
         settings=read_settings_store(),
     )
-    source.newest = replace(source.newest, log_path=str(log))
+    source.current_frame = replace(source.current_frame, log_path=str(log))
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
 
 

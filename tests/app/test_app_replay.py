@@ -30,9 +30,9 @@ SIZE = (100, 30)
 def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
     replay_source.start_playing()
     clock.now_s += 1.0
-    assert replay_source.newest.row.time_s == pytest.approx(1.0)
+    assert replay_source.current_frame.row.time_s == pytest.approx(1.0)
     clock.now_s += 0.19
-    assert replay_source.newest.row.time_s == pytest.approx(1.0), (
+    assert replay_source.current_frame.row.time_s == pytest.approx(1.0), (
         "the row in force, not the next one"
     )
     assert replay_source.frame_age_s == pytest.approx(0.19)
@@ -73,9 +73,9 @@ def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
     clock.now_s += 50.0
     assert replay_source.at_s == pytest.approx(2.0)
     replay_source.step_rows(1)
-    assert replay_source.newest.row.time_s == pytest.approx(2.2)
+    assert replay_source.current_frame.row.time_s == pytest.approx(2.2)
     replay_source.step_rows(-2)
-    assert replay_source.newest.row.time_s == pytest.approx(1.8)
+    assert replay_source.current_frame.row.time_s == pytest.approx(1.8)
     replay_source.step_rows(-999)
     assert replay_source.frame_index == 0
 
@@ -83,7 +83,7 @@ def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
 def test_it_stops_at_the_end_and_plays_again_from_the_start(replay_source, clock):
     replay_source.start_playing()
     clock.now_s += 1e6
-    assert replay_source.is_at_end and replay_source.newest is replay_source.frames[-1]
+    assert replay_source.is_at_end and replay_source.current_frame is replay_source.frames[-1]
     replay_source.toggle_playing()
     assert replay_source.at_s == replay_source.start_s and replay_source.playing
 
@@ -118,7 +118,7 @@ def test_whatever_is_pressed_it_stays_inside_the_log(moves):
             case "wait":
                 clock.now_s += abs(number)
         assert source.start_s <= source.at_s <= source.end_s
-        assert source.newest.row.time_s <= source.at_s + 1e-9
+        assert source.current_frame.row.time_s <= source.at_s + 1e-9
         later = source.frame_index + 1
         assert later == len(source.frames) or source.frames[later].row.time_s > source.at_s
 

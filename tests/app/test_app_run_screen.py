@@ -54,7 +54,7 @@ async def test_values_older_than_a_second_are_grey_and_said(
         segment.style.color.name for segment in strip if segment.style and "█" in segment.text
     }
     assert colours == {grey}
-    source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
+    source.current_frame = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
     await later(app, pilot, 0.2)
     assert not rates.view.target.stale
     assert "NO DATA" not in shown(app)[0]
@@ -70,7 +70,7 @@ async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
         "show_numbers",
         lambda view: (looked.append(round(clock.now_s - start_s, 1)), show(view)),
     )
-    source.newest, start_s = replace(frames[-1], seq=frames[-1].seq + 1), clock.now_s
+    source.current_frame, start_s = replace(frames[-1], seq=frames[-1].seq + 1), clock.now_s
     for _tick in range(5):
         clock.now_s += 0.2
         app.show_newest()
@@ -94,7 +94,9 @@ async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
     app._until_first = SimpleNamespace(stop=lambda: stopped.append(True))
     for number in range(8):
         age_s = 0.1 if number >= gnss_from else None
-        source.newest = replace(frames[-1], seq=frames[-1].seq + 1 + number, gnss_age_s=age_s)
+        source.current_frame = replace(
+            frames[-1], seq=frames[-1].seq + 1 + number, gnss_age_s=age_s
+        )
         for _look in range(2):  # twice between two frames
             if not stopped:
                 app._show_first_frames()
@@ -104,14 +106,14 @@ async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
 
 async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames, pilot):
     clock.now_s += 2.0
-    source.newest = replace(frames[-1])
+    source.current_frame = replace(frames[-1])
     app.show_newest()
     assert app.page.query_one("#rates", RatesPanel).view.target.stale
 
 
 async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
     devices = tuple(replace(d, age_s=3.0) if d.name == "heads" else d for d in frames[-1].devices)
-    source.newest = replace(frames[-1], gnss_age_s=1.4, devices=devices)
+    source.current_frame = replace(frames[-1], gnss_age_s=1.4, devices=devices)
     async with app.run_test(size=SIZE):
         items = {item.label: item.value.stale for item in app.page.query_one("#items-side").view}
         assert items["GNSS"] and items["fix age"] and not items["look-ahead"]
@@ -129,7 +131,7 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(
         app.show_newest()
     assert {panel.id: panel.redraws for panel in panels(app)} == before
     row = frames[-1].row._replace(hopper_kg=12.0)
-    source.newest = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
+    source.current_frame = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
     clock.now_s += 0.2
     app.show_newest()
     changed = {panel.id for panel in panels(app) if panel.redraws != before[panel.id]}
@@ -140,7 +142,7 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(
 async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(
     app, source, frames, monkeypatch
 ):
-    source.newest = frames[-1]
+    source.current_frame = frames[-1]
     async with app.run_test(size=SIZE):
         app.show_newest()
         heads, rows = app.page.query_one("#heads"), []
@@ -157,13 +159,13 @@ async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(
 
 
 async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
-    source.newest = frames[0]
+    source.current_frame = frames[0]
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE):
         start = {panel.id: panel.redraws for panel in panels(app)}
         for step in range(1, 201):  # 10 s of ticks at 20 Hz, a new frame with each
             clock.now_s += 0.05
-            source.newest = replace(frames[step], seq=step)
+            source.current_frame = replace(frames[step], seq=step)
             app.show_newest()
         drawn = {panel.id: panel.redraws - start[panel.id] for panel in panels(app)}
         assert 45 <= drawn["rates"] <= 50
@@ -173,7 +175,7 @@ async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
 
 async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, frames, shown):
     at_s = frames[-1].at_s
-    source.newest = replace(
+    source.current_frame = replace(
         frames[-1],
         alarms=(
             Alarm(
@@ -222,13 +224,13 @@ async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, fra
     ids=["counted where they do not fit", "whole at 80 columns", "unknown, by its id"],
 )
 async def test_alarms_of_a_small_terminal(app, source, frames, shown, alarms, row, said):
-    source.newest = replace(frames[-1], alarms=tuple(alarms))
+    source.current_frame = replace(frames[-1], alarms=tuple(alarms))
     async with app.run_test(size=(80, 24)):
         assert all(one in shown(app)[row] for one in said)
 
 
 async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frames, shown):
-    source.newest = replace(
+    source.current_frame = replace(
         frames[-1],
         alarms=(Alarm("lead_short", Severity.AMBER, 0.0, details=(("usable_speed_mps", 2.0),)),),
     )
@@ -242,7 +244,7 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
 async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frames, shown):
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("m")
-        source.newest = replace(
+        source.current_frame = replace(
             frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),)
         )
         await later(app, pilot, 0.2)
@@ -356,7 +358,7 @@ async def test_help_is_one_key_away(app, shown, pilot):
 
 
 async def test_why_no_flow_stands_beside_the_applied_rate(app, source, frames, shown):
-    source.newest = replace(frames[-1], notes=("outside_field",))
+    source.current_frame = replace(frames[-1], notes=("outside_field",))
     async with app.run_test(size=(80, 24)):
         assert any("applied" in row and "lands outside field" in row for row in shown(app))
 
@@ -387,7 +389,7 @@ def test_why_nothing_flows_in_words(frames, state, seen, says):
 async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(
     app, source, frames, shown
 ):
-    source.newest = replace(frames[-1], allow=Allowances(outside=True), no_double=False)
+    source.current_frame = replace(frames[-1], allow=Allowances(outside=True), no_double=False)
     async with app.run_test(size=(120, 40)) as pilot:
         assert "OUTSIDE OK" in shown(app)[0] and "REVERSE OK" not in shown(app)[0]
         await pilot.press("h")
@@ -401,7 +403,7 @@ async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(
 async def test_a_machine_that_is_recorded_only_says_so_in_place_of_a_state(
     app, source, frames, shown
 ):
-    source.newest = replace(
+    source.current_frame = replace(
         frames[-1], row=frames[-1].row._replace(state=None), why_state="record_only"
     )
     async with app.run_test(size=(120, 40)):
@@ -425,7 +427,7 @@ async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause(0.1)
         assert "NO DATA" in "".join(shown(app))
-        source.newest = frames[-1]
+        source.current_frame = frames[-1]
         for _ in range(200):
             await pilot.pause(0.05)
             if "WORKING" in "".join(shown(app)):

@@ -27,7 +27,7 @@ def app(frames, clock):
 
 def _driven(app, frames):
     for frame in frames:
-        app.source.newest = frame
+        app.source.current_frame = frame
         app.show_newest()
     app.show_changes()
 
@@ -87,7 +87,7 @@ async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past
     at_s = page.cursor_s
     for later_s in (30.0, 200.0):
         row = last.row._replace(time_s=last.row.time_s + later_s)
-        app.source.newest = type(last)(
+        app.source.current_frame = type(last)(
             **{name: getattr(last, name) for name in last.__dataclass_fields__}
             | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s}
         )

@@ -62,7 +62,7 @@ async def test_a_section_is_closed_by_hand_and_taken_back(clock, frames):
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.click("#section-bar")
         # the last that may be allowed
-        await pilot.press(str(len(list_allow_choices(source.newest))), "enter")
+        await pilot.press(str(len(list_allow_choices(source.current_frame))), "enter")
         await pilot.press("2", "enter")
         assert source.orders[-1] == Order(Do.SECTION, "2 off")
 

@@ -19,7 +19,7 @@ from topdress.console.app.settings import find_key_clash, find_keymap_fault, mak
 from topdress.console.locale import find_language_code, list_languages
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.settings import Settings, read_settings, write_settings
-from topdress.drivers.files.settings_theme import ThemeData
+from topdress.drivers.files.user_themes import ThemeData
 
 from tests.app.made_up.run import sample_services
 

@@ -435,10 +435,10 @@ async def test_without_a_worker_stop_and_hold_ask_to_connect_on_every_page(
     """Another console may have started the machine again: an X that does nothing must say so."""
 
     async def attach():
-        return StillSource(source.newest)
+        return StillSource(source.current_frame)
 
     app = TopdressApp(source, clock, live=False, attach=attach, services=sample_services())
-    tell(source, alarms=sample_alarms(source.newest.at_s))
+    tell(source, alarms=sample_alarms(source.current_frame.at_s))
     async with app.run_test(size=size) as pilot:
         await looked(app, pilot)
         source.end.set_exception(WorkerGone("the connection to the machine broke off"))
@@ -495,7 +495,7 @@ async def test_a_question_about_the_connection_goes_when_there_is_one(source, cl
 
     async def attach():
         await ready.wait()
-        return StillSource(source.newest)
+        return StillSource(source.current_frame)
 
     app = TopdressApp(source, clock, live=False, attach=attach)
     async with app.run_test(size=SIZE) as pilot:

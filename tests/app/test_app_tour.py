@@ -50,7 +50,7 @@ def test_every_step_waits_for_its_deed_and_the_last_ends_it(frame_of):
 
 
 async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, clock, shown):
-    source.newest = frame_of()
+    source.current_frame = frame_of()
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
     async with app.run_test(size=SIZE) as pilot:
         for where in app.pages:
@@ -68,7 +68,7 @@ async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, cl
 
 
 async def test_the_tour_is_refused_on_a_real_machine(frame_of, source, clock):
-    source.newest = replace(frame_of(), simulated=False)
+    source.current_frame = replace(frame_of(), simulated=False)
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("ctrl+t")
@@ -76,7 +76,7 @@ async def test_the_tour_is_refused_on_a_real_machine(frame_of, source, clock):
 
 
 async def test_a_click_ends_it(frame_of, source, clock):
-    source.newest = frame_of()
+    source.current_frame = frame_of()
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
     async with app.run_test(size=SIZE) as pilot:
         bar = app.page.query_one("#tour")
@@ -86,7 +86,7 @@ async def test_a_click_ends_it(frame_of, source, clock):
 
 @pytest.mark.parametrize("size", [(160, 50), (80, 24), (60, 20)])
 async def test_every_step_is_read_to_its_end_at_any_size(app, source, shown, size):
-    source.newest = None  # no step is done by itself
+    source.current_frame = None  # no step is done by itself
     async with app.run_test(size=size) as pilot:
         app.tour = Tour()
         for step in app.tour.steps:

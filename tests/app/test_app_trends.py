@@ -84,7 +84,7 @@ async def test_spans_by_key_and_by_wheel(app, pilot, plots):
 
 
 async def go_on(app, seconds):
-    last = app.source.newest
+    last = app.source.current_frame
     for step in range(1, int(seconds / 0.2) + 1):
         utc = datetime.fromisoformat(last.row.utc.replace("Z", "+00:00")) + timedelta(
             seconds=0.2 * step
@@ -93,7 +93,7 @@ async def go_on(app, seconds):
             time_s=round(last.row.time_s + 0.2 * step, 3),
             utc=utc.isoformat().replace("+00:00", "Z"),
         )
-        app.source.newest = replace(last, seq=last.seq + step, row=row, at_s=row.time_s)
+        app.source.current_frame = replace(last, seq=last.seq + step, row=row, at_s=row.time_s)
         app.clock.now_s += 0.2
         app.show_newest()
 
@@ -169,8 +169,10 @@ async def test_no_channel_says_how_to_choose_one(app, shown, pilot):
 async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(app, pilot, plots):
     before = plots.view.plots[0].high
     await pilot.press("q", "2", "enter")
-    row = app.source.newest.row
-    app.source.newest = replace(app.source.newest, row=row._replace(target_rate_kg_ha=900.0))
+    row = app.source.current_frame.row
+    app.source.current_frame = replace(
+        app.source.current_frame, row=row._replace(target_rate_kg_ha=900.0)
+    )
     await go_on(app, 2.0)
     assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
     assert "fixed scale" in bar(app).states
@@ -208,9 +210,9 @@ async def test_old_values_are_grey_and_gaps_are_gaps(app, plots):
     app.clock.now_s += 10.0
     app.show_newest()
     assert plots.view.stale
-    last = app.source.newest
+    last = app.source.current_frame
     row = last.row._replace(time_s=last.row.time_s + 10.0)
-    app.source.newest = replace(last, seq=last.seq + 1, row=row)
+    app.source.current_frame = replace(last, seq=last.seq + 1, row=row)
     app.clock.now_s += 0.5
     app.show_newest()
     assert not plots.view.stale
@@ -235,7 +237,7 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
     async with app.run_test(size=SIZE) as pilot:
         plots = await opened(app, pilot)
         assert bar(app).states == ("log", "running") and "REPLAY" in shown(app)[0]
-        assert plots.view.plots[0].value == f"{log.newest.row.target_rate_kg_ha:.0f}"
+        assert plots.view.plots[0].value == f"{log.current_frame.row.target_rate_kg_ha:.0f}"
         assert plots.view.end == "06:12:30"
         await pilot.press("z")
         assert plots.view.end == "06:12:59" and bar(app).span == "whole run, 00:59"

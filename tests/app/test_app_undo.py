@@ -21,7 +21,7 @@ from topdress.console.app.undo_stack import (
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
 from topdress.console.worker.run_parts import FRAME_FIELDS
-from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import Strips, StripValue
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, TargetSource
 from topdress.control.safety import Allowances
@@ -133,7 +133,9 @@ def test_what_stands_in_for_a_silent_source_is_not_the_one_that_was_ordered(fram
 
 async def test_a_manual_rate_is_taken_back_and_no_older_change(full, source):
     """`M` and a rate was no change, and an older one was offered as the last."""
-    source.newest = replace(source.newest, manual_rate_kg_ha=90.0, ordered_source="manual")
+    source.current_frame = replace(
+        source.current_frame, manual_rate_kg_ha=90.0, ordered_source="manual"
+    )
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("t", "2", "enter", "m", "1", "1", "5", "enter")
         assert source.orders[-1] == Order(Do.MANUAL_RATE, 115.0)
@@ -146,7 +148,9 @@ async def test_a_manual_rate_is_taken_back_and_no_older_change(full, source):
 
 
 async def test_rate_and_source_of_a_preset_are_one_change(full, source):
-    source.newest = replace(source.newest, manual_rate_kg_ha=90.0, ordered_source="canopy")
+    source.current_frame = replace(
+        source.current_frame, manual_rate_kg_ha=90.0, ordered_source="canopy"
+    )
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("full_stop", "enter", "ctrl+z")
         assert "target from canopy, manual rate 90 kg/ha" in full.screen.text
@@ -185,7 +189,7 @@ async def test_no_page_gives_an_order_past_the_one_place():
 
 def drive(app, metres, **values):
     """At 1 m/s, five rows a second."""
-    time_s = app.source.newest.row.time_s
+    time_s = app.source.current_frame.row.time_s
     feed(
         app,
         (
@@ -206,8 +210,10 @@ def strip_desk(full):
 async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(
     full, source, strip_desk
 ):
-    source.newest = replace(
-        source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready")
+    source.current_frame = replace(
+        source.current_frame,
+        strips=Strips(0.75),
+        row=source.current_frame.row._replace(state="ready"),
     )
     rule = strip_desk.known.setup.rule
     async with full.run_test(size=SIZE) as pilot:
@@ -244,8 +250,10 @@ async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(
 async def test_a_strip_as_poor_as_the_field_is_warned_of(full, source, strip_desk):
     """B, twenty metres of the field itself and B: one Enter took it from its rate to none, in
     silence."""
-    source.newest = replace(
-        source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready")
+    source.current_frame = replace(
+        source.current_frame,
+        strips=Strips(0.75),
+        row=source.current_frame.row._replace(state="ready"),
     )
     async with full.run_test(size=(60, 20)) as pilot:
         await pilot.press("f10")
@@ -267,8 +275,8 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 
 
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
-    source.newest = replace(source.newest, strips=Strips(), allow=Allowances())
-    assert reverse_orders([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
+    source.current_frame = replace(source.current_frame, strips=Strips(), allow=Allowances())
+    assert reverse_orders([Order(Do.STRIP, "nrich 0.7")], source.current_frame) == (
         Order(Do.STRIP, StripValue("nrich", None).event_text),
     )
     assert describe_undo((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"

@@ -26,14 +26,14 @@ PAGES = [where for where in SCREEN_CLASSES if where != "replay"]
 
 
 def now(source, state=None, **changes):
-    in_state(source, state or source.newest.row.state, **changes)
+    in_state(source, state or source.current_frame.row.state, **changes)
 
 
 @pytest.fixture
 def several(source):
     """The source of a console that has company; `ordered` 63 s before the newest row."""
     source.name = OWN.name
-    time_s = source.newest.row.time_s - 63.0
+    time_s = source.current_frame.row.time_s - 63.0
     now(
         source,
         state="working",
@@ -161,7 +161,9 @@ async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, sev
     ],
 )
 def test_leaving_says_what_becomes_of_the_machine_with_these_others(source, attached, said):
-    frame = replace(source.newest, attached=attached, consoles=sum(one.keeps for one in attached))
+    frame = replace(
+        source.current_frame, attached=attached, consoles=sum(one.keeps for one in attached)
+    )
     assert describe_leaving(frame, OWN.name, True) == said
 
 

@@ -1,9 +1,9 @@
 """Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython
 and by MicroPython: only what both have is used. Each gives plain lists and numbers."""
 
+from drivers.board.board_sensors import Hx711LoadCell, Lis3dhInclinometer, UsbLine
 from drivers.board.framing import seal_frame
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
-from drivers.board.parts import Inclinometer, LoadCell, UsbLine
 from drivers.board.slave import BoardSettings, Pins, SlaveProgram
 
 MS = 1000
@@ -709,7 +709,7 @@ def scale():
     """kg of a list of conversions, how many pulses each took; then a broken cell, silence, and
     back again."""
     part = FakeHx711()
-    read = LoadCell(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
+    read = Hx711LoadCell(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
     found = [read.kg]
     for count in (0, 100000, -5000, 0x7FFFFE, 0x7FFFFF, 20000):
         part.convert(count)
@@ -753,7 +753,7 @@ def tilt():
     """Registers set; pitch and roll in degrees: flat, nose up, right side down, jolted; gone,
     back, another part."""
     part = FakeLis3dh()
-    read = Inclinometer(part)
+    read = Lis3dhInclinometer(part)
 
     def settled(g):
         part.g = g

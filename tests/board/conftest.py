@@ -196,7 +196,14 @@ def under_micropython(
     script.write_text(RUNNER)
     files = [
         BOARD / name
-        for name in ("__init__.py", "framing.py", "motion.py", "parts.py", "slave.py", "lag_rig.py")
+        for name in (
+            "__init__.py",
+            "framing.py",
+            "motion.py",
+            "board_sensors.py",
+            "slave.py",
+            "lag_rig.py",
+        )
     ]
     done = subprocess.run(
         [

@@ -14,7 +14,7 @@ from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE_KIND
-from topdress.drivers.files.read_log import read_filled_log
+from topdress.drivers.files.read_log import read_nonempty_log
 
 from tests.command import topdress
 
@@ -84,7 +84,7 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
         pytest.approx(20.0, rel=0.05),
         pytest.approx(0.03, rel=0.1),
     )
-    found = diagnose_run(dict(read_filled_log(log).columns), made)
+    found = diagnose_run(dict(read_nonempty_log(log).columns), made)
     assert [one.channel for one in found.channels] == ["shaft", "effort"] and found.data.stages == (
         "shaft",
         "effort",
@@ -103,7 +103,7 @@ def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     )
     topdress("machine", "--from", log, "--out", out, "--yes", "--one-way", "--force")
     assert load_config(str(out), MACHINE_KIND).model.shaft.one_way == 1.0
-    found = diagnose_run(dict(read_filled_log(log).columns), made)
+    found = diagnose_run(dict(read_nonempty_log(log).columns), made)
     assert found.data.stages == ("shaft",) and [one.channel for one in found.channels] == ["shaft"]
     assert not [one for one in found.findings if "is left out: column" in one]
     assert {one.id.split(".")[0] for one in found.not_shown} == {"shaft"}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from topdress.console.services.rerun import parse_events
 from topdress.control.agronomy.noa import prepare_rule
-from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import Strips, StripValue
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.job import Ground, Job, Simulated, Wanted
 from topdress.control.loop import ControlLoop

@@ -82,10 +82,13 @@ async def console(folder: Path, *config: str):
 
 async def until(link: Link, what, timeout_s: float = 15.0):
     deadline = time.monotonic() + timeout_s
-    while not what(link.newest):
-        assert time.monotonic() < deadline, (link.newest.row.state, link.newest.alarms)
+    while not what(link.current_frame):
+        assert time.monotonic() < deadline, (
+            link.current_frame.row.state,
+            link.current_frame.alarms,
+        )
         await asyncio.sleep(0.02)
-    return link.newest
+    return link.current_frame
 
 
 def has(frame, alarm: str) -> bool:
@@ -97,8 +100,8 @@ async def start_work(link: Link) -> None:
         link,
         lambda frame: (frame.row.speed_used_mps or 0.0) > 0.5 and frame.row.shaft_rpm is not None,
     )
-    if link.newest.row.state != "ready":
-        for alarm in link.newest.alarms:
+    if link.current_frame.row.state != "ready":
+        for alarm in link.current_frame.alarms:
             await link.send_order(Order(Do.ACKNOWLEDGE, alarm.id))
         await link.send_order(Order(Do.READY))
         await until(link, lambda frame: frame.row.state == "ready")

@@ -20,7 +20,7 @@ from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.file_content import FileContent
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_log_store, write_log_store
-from topdress.drivers.files.read_log import RunLog, read_filled_log, read_log, read_log_meta
+from topdress.drivers.files.read_log import RunLog, read_log, read_log_meta, read_nonempty_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
 
@@ -369,9 +369,9 @@ def test_the_command_makes_it_and_takes_it_back(text_log: Path, tmp_path: Path) 
     store, again = tmp_path / "kept.parquet", tmp_path / "again.csv"
     told = topdress("import", text_log, "--out", store)
     assert told.exit_code == 0 and "40 rows" in told.output, told.output
-    same(read_filled_log(store), read_filled_log(text_log))
+    same(read_nonempty_log(store), read_nonempty_log(text_log))
     assert topdress("import", store, "--out", again).exit_code == 0
-    whole, back = read_filled_log(text_log), read_filled_log(again)
+    whole, back = read_nonempty_log(text_log), read_nonempty_log(again)
     same(replace(back, findings=()), replace(whole, findings=()))
     twice = topdress("import", text_log, "--out", store)
     assert twice.exit_code != 0 and "exists already" in twice.output
@@ -462,7 +462,7 @@ def test_of_another_program_s_text_every_number_comes_back_the_same(tmp_path: Pa
         (tmp_path / "run.parquet", tmp_path / "back" / "run.csv"),
     ):
         assert topdress("import", source, "--out", out).exit_code == 0
-    log, back = read_filled_log(first), read_filled_log(tmp_path / "back" / "run.csv")
+    log, back = read_nonempty_log(first), read_nonempty_log(tmp_path / "back" / "run.csv")
     for name in ("time_s", "hopper_kg", "load"):
         np.testing.assert_array_equal(log.columns[name], back.columns[name])
 

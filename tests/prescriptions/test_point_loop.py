@@ -29,6 +29,7 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.dose_watch import DoseErrors, DoseWatch
 from topdress.control.simulation.point_run import PointTruth, simulate_point_run
+from topdress.control.targets.plant_doser import CommandedDose, DueDose, PlantDoser
 from topdress.control.targets.plants import PlantList, PlantRow, SeenPlant
 from topdress.control.targets.point import (
     DoseThreshold,
@@ -37,7 +38,6 @@ from topdress.control.targets.point import (
     calc_max_speed_mps,
     calc_point_lag,
 )
-from topdress.control.targets.point_source import CommandedDose, DueDose, PointSource
 from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
 from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 from topdress.drivers.files.setup import Setup, load_setup
@@ -133,11 +133,11 @@ def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
     """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed
     that no drive has."""
 
-    def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> DueDose:
+    def always(points: PlantDoser, time_s: float, track_m: float, *_: Any) -> DueDose:
         points.given.append(CommandedDose(time_s, track_m, 0.0, 0.0, time_s))
         return DueDose(asked, ())
 
-    monkeypatch.setattr(PointSource, "find_due_dose", always)
+    monkeypatch.setattr(PlantDoser, "find_due_dose", always)
     _, ticks = driven(
         bench,
         job_of(bench, {"passes": 1}),
@@ -294,7 +294,7 @@ def test_a_nudge_makes_every_dose_larger(bench: Setup) -> None:
 
 def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup) -> None:
     job = job_of(bench)
-    source: PointSource = make_point_source(bench.machine, job, None)
+    source: PlantDoser = make_point_source(bench.machine, job, None)
     for k in range(41):
         source.look_for_plants(k * TICK_S, k * TICK_S * 1.0, (0.0, 0.0), 0.0, 1.0, ())
     source.look_for_plants(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [PlantSeen(0.525, 6.0)])

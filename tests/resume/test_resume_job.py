@@ -29,7 +29,7 @@ from topdress.console.worker.resume_ground import (
 )
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
-from topdress.control.agronomy.strips import Strips
+from topdress.control.agronomy.reference_strips import Strips
 from topdress.control.field.coverage import Coverage, Raster
 from topdress.control.field.job import make_rule
 from topdress.control.field.totals import Totaliser, TotalSums
@@ -86,9 +86,9 @@ def run(
         nonlocal now_s
         now_s += max(seconds, 1e-9)
         host.note_console_heard()
-        if host.newest is not None:
-            frames.append(host.newest)
-            state = host.newest.row.state
+        if host.newest_frame is not None:
+            frames.append(host.newest_frame)
+            state = host.newest_frame.row.state
             if work and now_s > 3.0 and state in ("off", "ready"):
                 host.queue_request(
                     Order(Do.READY if state == "off" else Do.START), lambda answer, _: None

@@ -151,17 +151,17 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
         looking = Link(where.drop_token())
         task = asyncio.create_task(looking.run_connection())
         await asyncio.wait_for(looking.attached.wait(), 60)
-        assert looking.newest.row.state == "off"
+        assert looking.current_frame.row.state == "off"
         for tab in tabs:
             for key in ("r", "s", "x", "+"):
                 await tab.press(key)
         for tab in tabs:
             await tab.until("view only: hold", again="+")
         assert await looking.send_order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
-        seq = looking.newest.seq
-        while looking.newest.seq < seq + 10:
+        seq = looking.current_frame.seq
+        while looking.current_frame.seq < seq + 10:
             await asyncio.sleep(0.05)
-        assert looking.newest.row.state == "off" and not looking.newest.row.events
+        assert looking.current_frame.row.state == "off" and not looking.current_frame.row.events
         task.cancel()
         for tab in tabs:
             await tab.web.close()
@@ -180,9 +180,9 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
     assert await tab.send_order(Order(Do.READY), 5.0) == Answer(True)
     heard = time.monotonic()
     async with asyncio.timeout(60.0):
-        while not any(alarm.id == "console_silent" for alarm in tab.newest.alarms):
+        while not any(alarm.id == "console_silent" for alarm in tab.current_frame.alarms):
             await asyncio.sleep(0.05)
-            if tab.newest.row.state == "ready":
+            if tab.current_frame.row.state == "ready":
                 await asyncio.sleep(0.3)
                 await tab.send_order(Order(Do.START), 5.0)
     assert time.monotonic() - heard < 4.0

@@ -43,7 +43,7 @@ from topdress.control.diagnosis.season.season_cost import rank_machines_by_cost
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock
 from topdress.drivers.files.log_store import write_log_store
-from topdress.drivers.files.read_log import read_filled_log
+from topdress.drivers.files.read_log import read_nonempty_log
 
 from tests.command import topdress
 from tests.waiting import wait_for
@@ -150,7 +150,7 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
     smaller."""
     sizes, errors = [], []
     for seed in range(8):
-        log = read_filled_log(wheel_log(tmp_path / f"{seed}.csv", 1.0, seed=seed))
+        log = read_nonempty_log(wheel_log(tmp_path / f"{seed}.csv", 1.0, seed=seed))
         form = collect_log_evidence(log.columns, Machine()).forms[0]
         at = form.names.index("speed.wheel_radius")
         sizes.append(form.right[at] / form.normal[at][at])
@@ -164,7 +164,7 @@ def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> Non
     machine = Machine()
     off = [
         collect_log_evidence(
-            read_filled_log(
+            read_nonempty_log(
                 wheel_log(tmp_path / f"{k}.csv", k * machine.tolerance.wheel_percent)
             ).columns,
             machine,
@@ -179,7 +179,7 @@ def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> Non
 def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> None:
     told = [
         collect_log_evidence(
-            read_filled_log(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()
+            read_nonempty_log(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()
         ).forms[0]
         for k, percent in enumerate((0.0, 0.5))
     ]

@@ -22,7 +22,7 @@ from topdress.console.services.removable_media import find_maps, is_map_likely, 
 from topdress.console.services.running_limits import read_earlier_run, read_running_limits
 from topdress.console.worker import resume
 from topdress.console.worker.resume import Snapshot
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Job

@@ -17,7 +17,7 @@ from topdress.console.services.layers import MapLayers, find_frame_plane
 from topdress.console.services.replay_frames import make_frames
 from topdress.control.geodesy import TangentPlane, offset_place
 from topdress.control.log_row import LogRow
-from topdress.drivers.files.read_log import RunLog, read_filled_log
+from topdress.drivers.files.read_log import RunLog, read_nonempty_log
 
 from tests.command import topdress
 
@@ -32,7 +32,7 @@ def run(tmp_path_factory) -> RunLog:
         "simulate", "--job", "map_demo", "--seconds", SECONDS, "--seed", "3", "--out", log
     )
     assert made.exit_code == 0, made.output
-    return read_filled_log(log)
+    return read_nonempty_log(log)
 
 
 @pytest.fixture(scope="module")

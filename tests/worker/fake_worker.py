@@ -18,7 +18,7 @@ from pathlib import Path
 from topdress.console.worker.options import Options
 from topdress.console.worker.program import Clock, run_worker_program
 from topdress.console.worker.run_parts import Assembly, RunNames
-from topdress.control.agronomy.strips import Strips
+from topdress.control.agronomy.reference_strips import Strips
 from topdress.control.field.totals import Totaliser, Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Do, Order, SectionState, Severity

@@ -30,7 +30,7 @@ def test_the_simulated_machine_from_power_on_to_spreading(tmp_path):
         nonlocal now_s
         now_s += max(seconds, 1e-9)
         host.note_console_heard()
-        state = host.newest.row.state if host.newest else None
+        state = host.newest_frame.row.state if host.newest_frame else None
         if now_s > 5.0 and state in ("off", "ready"):
             host.queue_request(
                 Order(Do.READY if state == "off" else Do.START),
@@ -47,19 +47,26 @@ def test_the_simulated_machine_from_power_on_to_spreading(tmp_path):
     working = [row for row in log.rows() if row.state == "working"]
     assert len(working) > 500, said
     assert max(row.applied_rate_kg_ha or 0.0 for row in working) > 100.0
-    assert {device.name for device in host.newest.devices} == {
+    assert {device.name for device in host.newest_frame.devices} == {
         "gnss",
         *(f"head_{n}" for n in range(1, 7)),
         "board",
     }
-    assert all(device.accepted > 50 and device.rejected == 0 for device in host.newest.devices)
+    assert all(
+        device.accepted > 50 and device.rejected == 0 for device in host.newest_frame.devices
+    )
     last = list(log.rows())[-1]
     assert (
         last.state == "off"
         and last.shaft_rpm_cmd == 0.0
         and last.time_s == pytest.approx(40.0, abs=0.2)
     )
-    assert host.newest.simulated and host.newest.machine and host.newest.job and host.newest.crop
+    assert (
+        host.newest_frame.simulated
+        and host.newest_frame.machine
+        and host.newest_frame.job
+        and host.newest_frame.crop
+    )
 
 
 async def test_the_real_program_on_the_simulated_machine(tmp_path, attach):
@@ -71,7 +78,7 @@ async def test_the_real_program_on_the_simulated_machine(tmp_path, attach):
     )
     link = await attach(where)
     assert (await link.send_order(Order(Do.READY))).accepted
-    assert link.newest.log_path == where.log_path == str(tmp_path / "run.csv")
+    assert link.current_frame.log_path == where.log_path == str(tmp_path / "run.csv")
     await asyncio.sleep(0.5)
     stats = await link.request_stats()
     await link.stop_worker()

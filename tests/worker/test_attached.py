@@ -50,7 +50,7 @@ async def join():
 
 
 def names(link):
-    return [one.name for one in link.newest.attached]
+    return [one.name for one in link.current_frame.attached]
 
 
 def events_of(rows):
@@ -70,7 +70,7 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
         AttachedConsole("tablet office", True, False, False),
     }
     for link in everybody:
-        await until(lambda link=link: set(link.newest.attached) == wanted)
+        await until(lambda link=link: set(link.current_frame.attached) == wanted)
     assert await ann.send_order(Order(Do.START)) == Answer(True)
     assert await tablet.send_order(Order(Do.NUDGE, 5.0)) == Answer(True)
     assert await looks.send_order(Order(Do.STOP)) == Answer(False, "unauthorised")
@@ -78,7 +78,7 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     for link in everybody:
         await until(
             lambda link=link: (
-                [one[:3:2] for one in link.newest.ordered]
+                [one[:3:2] for one in link.current_frame.ordered]
                 == [("start", "ann@cab pts/3"), ("nudge", "tablet Ann"), ("hold", "lab@cab pts/4")]
             )
         )
@@ -135,21 +135,21 @@ async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_an
     tablet = await join(TabLink(where, "tablet Ann"))
     first, second = console_of(where, "first"), console_of(where, "second")
     try:
-        await until(lambda: sum(one.keeps for one in tablet.newest.attached) == 2)
+        await until(lambda: sum(one.keeps for one in tablet.current_frame.attached) == 2)
         await tablet.send_order(Order(Do.START))
-        await until(lambda: tablet.newest.row.state == "working")
+        await until(lambda: tablet.current_frame.row.state == "working")
         os.kill(first.pid, signal.SIGKILL)
         await until(lambda: names(tablet) == ["tablet Ann", "second"])
-        at_s = tablet.newest.at_s
-        await until(lambda: tablet.newest.at_s > at_s + 3.0)
-        assert tablet.newest.row.state == "working", "the other console keeps it working"
+        at_s = tablet.current_frame.at_s
+        await until(lambda: tablet.current_frame.at_s > at_s + 3.0)
+        assert tablet.current_frame.row.state == "working", "the other console keeps it working"
         os.kill(second.pid, signal.SIGKILL)
         await until(lambda: names(tablet) == ["tablet Ann"])
-        at_s = tablet.newest.at_s
-        await until(lambda: tablet.newest.row.state == "held")
+        at_s = tablet.current_frame.at_s
+        await until(lambda: tablet.current_frame.row.state == "held")
         # its last word was up to 1 s old on a busy machine
-        assert 0.5 < tablet.newest.at_s - at_s < 4.0
-        assert tablet.newest.alarms[0].id == "console_silent"
+        assert 0.5 < tablet.current_frame.at_s - at_s < 4.0
+        assert tablet.current_frame.alarms[0].id == "console_silent"
     finally:
         for one in (first, second):
             one.kill()
@@ -168,11 +168,11 @@ async def test_a_console_that_freezes_is_silent_and_heard_again(running, join, l
     own = await join(Link(where, "own"))
     other = console_of(where, "other")
     try:
-        await until(lambda: len(names(own)) == 2 and own.newest.attached[1].keeps)
+        await until(lambda: len(names(own)) == 2 and own.current_frame.attached[1].keeps)
         os.kill(other.pid, signal.SIGSTOP)
-        await until(lambda: not own.newest.attached[1].keeps)
+        await until(lambda: not own.current_frame.attached[1].keeps)
         os.kill(other.pid, signal.SIGCONT)
-        await until(lambda: own.newest.attached[1].keeps)
+        await until(lambda: own.current_frame.attached[1].keeps)
     finally:
         other.kill()
         other.wait()
@@ -208,7 +208,10 @@ async def test_a_console_of_before_says_no_name_and_takes_the_frames_as_ever(run
         )
         await until(lambda: names(own) == ["own", "console"])
         await until(
-            lambda: own.newest.ordered and own.newest.ordered[-1][:3:2] == ("hold", "console")
+            lambda: (
+                own.current_frame.ordered
+                and own.current_frame.ordered[-1][:3:2] == ("hold", "console")
+            )
         )
         said = old.makefile("rb")
         lines = [json.loads(said.readline()) for _four in range(4)]

@@ -92,7 +92,7 @@ async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Work
     link = ComingLink(coming)
     run = asyncio.create_task(link.run_connection())
     await asyncio.sleep(0.05)
-    assert link.newest is None
+    assert link.current_frame is None
     assert (await link.send_order(Order(Do.HOLD))).why == "no_answer", (
         "not gone: nobody is there yet"
     )
@@ -103,7 +103,7 @@ async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Work
     assert (await early).why != "no_answer", "asked as soon as somebody is there"
     async with asyncio.timeout(20.0):
         await link.attached.wait()
-    assert link.newest is not None
+    assert link.current_frame is not None
     run.cancel()
 
 

@@ -26,7 +26,7 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
         for link in links:
             tasks.append(asyncio.create_task(link.run_connection()))
             await asyncio.wait_for(link.attached.wait(), 5.0)
-        assert [link.newest.seq for link in links] == [made.host.newest.seq] * 2
+        assert [link.current_frame.seq for link in links] == [made.host.newest_frame.seq] * 2
     finally:
         for task in tasks:
             task.cancel()
@@ -54,7 +54,7 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
         for k in range(1, 21):  # a second
             made.host.run_one_tick(0.05 * k)
             await asyncio.sleep(0.05)
-            seen.add(link.newest.seq)
+            seen.add(link.current_frame.seq)
         # ten a second, on a busy machine too; standing it is two
         assert len(seen) >= 6, seen
     finally:

@@ -24,7 +24,7 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     r = rig()
     ask(r, Order(Do.START))
     r.host.run_one_tick(0.25)
-    frame = r.host.newest
+    frame = r.host.newest_frame
     assert (
         r.bench.commands[-1][0] == 0.25
         and r.bench.commands[-1][1].shaft_rpm == 70.0
@@ -75,7 +75,7 @@ def test_totals_are_made_anew_once_a_second(rig):
     for k in range(45):
         r.host.run_one_tick(0.05 * k)
         r.loop.totaliser.add_tick(0.05, 2.0, 300.0)
-        seen.append(r.host.newest.totals)
+        seen.append(r.host.newest_frame.totals)
     assert [t.worked_s for t in dict.fromkeys(seen)] == pytest.approx([0.0, 1.0, 2.0])
 
 
@@ -159,7 +159,7 @@ def test_stop_between_ticks_still_logs_a_row_off(rig):
     assert (
         r.loop.orders[-1] == Order(Do.STOP)
         and r.writer.rows[-1].state == "off"
-        and r.host.newest.row.state == "off"
+        and r.host.newest_frame.row.state == "off"
     )
 
 
@@ -178,7 +178,9 @@ def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
     for number in range(4):
         r.host.run_one_tick(0.05 * number)
     assert r.bench.commands[-1][1:] == (None, False)
-    assert r.loop.orders[-1] == Order(Do.STOP) and r.host.newest.alarms[0].id == "control_failed"
+    assert (
+        r.loop.orders[-1] == Order(Do.STOP) and r.host.newest_frame.alarms[0].id == "control_failed"
+    )
     for number in range(4, 8):
         r.host.run_one_tick(0.05 * number)
     assert [row.state for row in r.writer.rows] == ["working"] * 3 + ["off"] * 2
@@ -215,7 +217,7 @@ def test_what_stands_beside_the_loop_costs_no_tick(rig):
     said = ask(r, DeviceOrder("board", DeviceDo.TEST))
     r.host.queue_request(Order(Do.MARK), broken)
     r.host.run_one_tick(0.0)
-    assert r.host.newest.alarms == () and len(r.bench.commands) == 1
+    assert r.host.newest_frame.alarms == () and len(r.bench.commands) == 1
     assert said[0][0].why.startswith("internal_error: test: RuntimeError")
 
 
@@ -285,7 +287,7 @@ def test_frames_are_made_no_oftener_than_they_are_sent(rig, hz, ticks_a_frame):
     seen = []
     for k in range(30):
         r.host.run_one_tick(k / hz)
-        seen.append(r.host.newest.seq)
+        seen.append(r.host.newest_frame.seq)
     assert sorted(set(seen)) == list(range(0, 30, ticks_a_frame))
 
 
@@ -316,7 +318,7 @@ def test_a_log_that_was_cut_short_is_said_and_followed(rig):
     r.writer.path, r.writer.cut_short = Path("logs/run-2.csv"), Path("logs/run.csv")
     for k in range(1, 40):
         r.host.run_one_tick(0.05 * k)
-    assert r.host.newest.log_path == str(Path("logs/run-2.csv"))
+    assert r.host.newest_frame.log_path == str(Path("logs/run-2.csv"))
     assert r.loop.logs_cut[:3] == ["", "run-2.csv", "run-2.csv"]
     events = ";".join(row.events or "" for row in r.writer.rows)
     assert events.count("log_cut_short") == 1 and f"log_cut_short {Path('logs/run.csv')}" in events
@@ -328,5 +330,5 @@ def test_a_clock_that_is_set_back_takes_no_tick_back_in_time(rig):
     made, times_s = rig(), []
     for now_s in (1.0, 1.05, 1.04993, 1.1, 0.2, 1.15):
         made.host.run_one_tick(now_s)
-        times_s.append(made.host.newest.at_s)
+        times_s.append(made.host.newest_frame.at_s)
     assert times_s == sorted(times_s) and times_s[-1] == 1.15

@@ -94,7 +94,7 @@ class Rig:
             self.virtual.advance_to(self.now_s)
             self.host.run_one_tick(self.now_s)
             self.host.note_console_heard()
-        return self.host.newest
+        return self.host.newest_frame
 
 
 @pytest.fixture
@@ -177,7 +177,7 @@ def test_without_a_rig_there_is_no_test(rig):
     r.host.queue_request(ClientQuestion.LAG_TEST, lambda answer, extra: said.append(answer))
     r.host.run_one_tick(0.0)
     assert said == [Answer(False, "no_lag_rig")]
-    assert r.host.newest.lag_test is None and not r.bench.rig_orders
+    assert r.host.newest_frame.lag_test is None and not r.bench.rig_orders
 
 
 def test_side_files_are_written_in_order_and_can_be_begun_again(tmp_path):
@@ -222,7 +222,7 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
             bench.virtual.advance_to(bench.now_s)
             bench.host.run_one_tick(bench.now_s)
             attended.pause_between_ticks(0.0)
-        return bench.host.newest
+        return bench.host.newest_frame
 
     return hand, attended, go
 

@@ -101,7 +101,7 @@ async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(
     lines = [json.loads(await asyncio.wait_for(reader.readline(), 10.0)) for _ in range(8)]
     times = [one["time_s"] for one in lines]
     assert times == sorted(set(times)) and {one["state"] for one in lines} == {"working"}
-    assert link.newest.row.state == "working" and not link.newest.attached[1].orders
+    assert link.current_frame.row.state == "working" and not link.current_frame.attached[1].orders
     writer.close()
 
 

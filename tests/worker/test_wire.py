@@ -11,7 +11,7 @@ from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, T
 from topdress.console.worker import run_file, wire_format
 from topdress.console.worker.limits import MOVING_FRAME_PERIOD_S, STANDING_FRAME_PERIOD_S
 from topdress.console.worker.link_server import FrameSchedule
-from topdress.control.agronomy.strips import Strips
+from topdress.control.agronomy.reference_strips import Strips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Severity

@@ -59,22 +59,22 @@ async def test_attach_and_order(running, attach, log_of):
     where = running()
     link = await attach(where)
     assert (
-        link.newest.row.state == "ready"
-        and link.newest.machine == "huanghai"
-        and link.newest.simulated
+        link.current_frame.row.state == "ready"
+        and link.current_frame.machine == "huanghai"
+        and link.current_frame.simulated
     )
     assert await link.send_order(Order(Do.START)) == Answer(True)
-    await until(lambda: link.newest.row.state == "working")
+    await until(lambda: link.current_frame.row.state == "working")
     assert await link.send_order(Order(Do.MANUAL_RATE, 900.0)) == Answer(False, "rate_above_limit")
     refused = await link.send_order(Order(Do.REFILL, 5.0))
     assert not refused.accepted and refused.why.startswith(
         "internal_error: refill 5.0: RuntimeError"
     )
     assert await link.send_order(Order(Do.HOLD)) == Answer(True)
-    await until(lambda: link.newest.alarms)
-    assert link.newest.alarms[0].id == "console_silent" and link.newest.alarms[0].details == (
-        ("age_s", 2.0),
-    )
+    await until(lambda: link.current_frame.alarms)
+    assert link.current_frame.alarms[0].id == "console_silent" and link.current_frame.alarms[
+        0
+    ].details == (("age_s", 2.0),)
     await link.stop_worker()
     with pytest.raises(WorkerGone):
         await link.task
@@ -87,12 +87,12 @@ async def test_the_frame_tells_how_many_consoles_keep_the_machine_working(runnin
     """Those that only look are none of them; one that is killed is no longer counted."""
     where = running()
     first = await attach(where)
-    await until(lambda: first.newest.consoles == 1)
+    await until(lambda: first.current_frame.consoles == 1)
     second = await attach(where)
     await attach(where.drop_token())
-    await until(lambda: first.newest.consoles == 2)
+    await until(lambda: first.current_frame.consoles == 2)
     second.task.cancel()
-    await until(lambda: first.newest.consoles == 1)
+    await until(lambda: first.current_frame.consoles == 1)
 
 
 async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hears_of_us(
@@ -103,7 +103,7 @@ async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hea
     seen = set()
     until_s = time.monotonic() + 1.0
     while time.monotonic() < until_s:
-        seen.add(link.newest.seq)
+        seen.add(link.current_frame.seq)
         await asyncio.sleep(0.005)
     assert 7 <= len(seen) <= 13
     # a word every 0.1 s, twenty times the need
@@ -117,14 +117,14 @@ async def test_without_the_token_a_client_only_looks(running, attach):
     where = running()
     owner, watcher = await attach(where), await attach(where.drop_token())
     assert await owner.send_order(Order(Do.START)) == Answer(True)
-    await until(lambda: watcher.newest.row.state == "working")
+    await until(lambda: watcher.current_frame.row.state == "working")
     assert await watcher.send_order(Order(Do.HOLD)) == Answer(False, "unauthorised")
     with pytest.raises(PermissionError, match="unauthorised"):
         await watcher.stop_worker()
     forger = await attach(WorkerAddress(where.port, "f" * 32, where.pid))
     assert await forger.send_order(Order(Do.STOP)) == Answer(False, "unauthorised")
     await asyncio.sleep(0.2)
-    assert watcher.newest.row.state == "working"
+    assert watcher.current_frame.row.state == "working"
     assert (await owner.request_stats())["unauthorised"] >= 3
 
 
@@ -162,7 +162,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
             assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
             watcher = await attach(where.drop_token())
             os.kill(console.pid, getattr(signal, how))
-            await until(lambda: watcher.newest.row.state == "held")
+            await until(lambda: watcher.current_frame.row.state == "held")
             # the log's own thread is a little behind
             await until(lambda: log_of(where)[-1]["state"] == "held")
         finally:
@@ -182,11 +182,11 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
         await owner.send_order(Order(Do.START))
         owner.task.cancel()
         left_s = time.monotonic()
-        await until(lambda: watcher.newest.row.state == "held")
+        await until(lambda: watcher.current_frame.row.state == "held")
         assert 1.8 < time.monotonic() - left_s < 6.0  # its last word was up to 0.1 s old
         again = await attach(where)
         # the fake shows the console's age there
-        await until(lambda: again.newest.row.speed_mps < 1.0)
+        await until(lambda: again.current_frame.row.speed_mps < 1.0)
 
     await asyncio.gather(one("SIGKILL"), one("SIGSTOP"), one("SIGHUP"), detached())
 
@@ -246,11 +246,11 @@ async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, 
     os.kill(where.pid, signal.SIGINT)
     os.kill(where.pid, signal.SIGHUP)
     await asyncio.sleep(0.2)
-    assert not link.task.done() and link.newest.row.state == "working"
+    assert not link.task.done() and link.current_frame.row.state == "working"
     os.kill(where.pid, signal.SIGTERM)
     with pytest.raises(WorkerGone):
         await asyncio.wait_for(link.task, 30)
-    assert link.newest.row.state == "off"  # the last frame still came
+    assert link.current_frame.row.state == "off"  # the last frame still came
     run_file = Path(where.log_path).parent / "run" / "worker.json"
     await until(lambda: not run_file.exists())
     rows = log_of(where)
@@ -295,7 +295,7 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
     lazy.connect(("127.0.0.1", where.port))
     alive = json.dumps({"id": 1, "token": where.token, "ask": "alive"}).encode() + b"\n"
     lazy.setblocking(False)
-    first = link.newest.seq
+    first = link.current_frame.seq
     began = time.monotonic()
     while time.monotonic() - began < 1.0:
         try:
@@ -306,7 +306,7 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
     stats = await link.request_stats()
     assert stats["dropped_frames"] >= 3
     assert stats["skipped"] < 5
-    assert link.newest.seq - first > 80  # 100 ticks went by
+    assert link.current_frame.seq - first > 80  # 100 ticks went by
     assert await link.send_order(Order(Do.START)) == Answer(True)
     lazy.close()
 
@@ -346,10 +346,10 @@ async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
             took.append(time.monotonic() - began_s)
             await asyncio.sleep(0.1)
         assert sorted(took)[4] < 0.4
-        assert link.newest.row.speed_mps < 1.5  # the fake shows the console's age there
+        assert link.current_frame.row.speed_mps < 1.5  # the fake shows the console's age there
         stats = await link.request_stats(10.0)
         assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * MAX_REFUSALS * 10
-        assert (await attach(where)).newest is not None  # and a second console gets in
+        assert (await attach(where)).current_frame is not None  # and a second console gets in
     finally:
         for one in crowd:
             one.kill()
@@ -418,7 +418,7 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
         running()
     link = await attach(where)
     assert await link.send_order(Order(Do.START)) == Answer(True)
-    await until(lambda: link.newest.row.state == "working")
+    await until(lambda: link.current_frame.row.state == "working")
     assert await asyncio.to_thread(closed, crowd[-1])  # none of them is kept
     stats = await link.request_stats()
     assert stats["clients_silent"] >= MAX_NEW_CLIENTS and stats["clients"] == 1
@@ -435,7 +435,7 @@ async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach
     assert (await consoles[-1].request_stats())["clients_refused"] == 1
     crowd.pop().close()
     await asyncio.sleep(0.3)
-    assert (await attach(where.drop_token())).newest is not None
+    assert (await attach(where.drop_token())).current_frame is not None
     for client in crowd:
         client.close()
 
@@ -454,9 +454,9 @@ async def test_orders_do_not_keep_the_machine_working(running, attach, log_of):
             + b"\n"
         )
         await asyncio.sleep(0.1)
-        if watcher.newest.row.state == "held":
+        if watcher.current_frame.row.state == "held":
             break
-    assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+    assert watcher.current_frame.row.state == "held" and time.monotonic() - began_s < 3.5
     client.close()
 
 
@@ -466,16 +466,16 @@ async def test_a_sign_of_life_without_the_key_keeps_no_machine_working(running, 
     where = running()
     console = await attach(where)
     assert await console.send_order(Order(Do.START)) == Answer(True)
-    await until(lambda: console.newest.row.state == "working")
+    await until(lambda: console.current_frame.row.state == "working")
     watcher = await attach(where.drop_token())
     console.task.cancel()
     began_s = time.monotonic()
-    while watcher.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
+    while watcher.current_frame.row.state == "working" and time.monotonic() - began_s < 10.0:
         # a new one each time: who is refused is put aside
         with contextlib.closing(raw(where)) as client:
             client.sendall(json.dumps({"id": 1, "token": token, "ask": "alive"}).encode() + b"\n")
             await asyncio.sleep(0.3)
-    assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+    assert watcher.current_frame.row.state == "held" and time.monotonic() - began_s < 3.5
 
 
 async def test_a_tablets_tab_that_operates_keeps_no_machine_working(running, attach):
@@ -486,12 +486,12 @@ async def test_a_tablets_tab_that_operates_keeps_no_machine_working(running, att
     reading = asyncio.create_task(tab.run_connection())
     await asyncio.wait_for(tab.attached.wait(), 30.0)
     assert await tab.send_order(Order(Do.START)) == Answer(True)
-    await until(lambda: tab.newest.row.state == "working")
+    await until(lambda: tab.current_frame.row.state == "working")
     console.task.cancel()
     began_s = time.monotonic()
-    while tab.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
+    while tab.current_frame.row.state == "working" and time.monotonic() - began_s < 10.0:
         await asyncio.sleep(0.05)
-    assert tab.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+    assert tab.current_frame.row.state == "held" and time.monotonic() - began_s < 3.5
     reading.cancel()
 
 
@@ -503,9 +503,9 @@ async def test_the_console_lives_as_its_event_loop_turns(running, attach):
     await link.send_order(Order(Do.START))
     time.sleep(1.65)
     await asyncio.sleep(0.45)
-    assert watcher.newest.row.state == "working"
+    assert watcher.current_frame.row.state == "working"
     time.sleep(2.6)
-    await until(lambda: watcher.newest.row.state == "held", 5.0)
+    await until(lambda: watcher.current_frame.row.state == "held", 5.0)
 
 
 async def test_looking_with_the_key_does_not_keep_the_machine_working(running, attach, log_of):

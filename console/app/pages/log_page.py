@@ -55,7 +55,7 @@ class LogPage(Page):
         return (
             super().find_frame(now_s)
             if job is None
-            else (job.source.newest, job.source.frame_age_s)
+            else (job.source.current_frame, job.source.frame_age_s)
         )
 
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:

@@ -21,7 +21,7 @@ from topdress.control.diagnosis.judgement.prior import (
 from topdress.control.machine.machine import CATALOGUE, find_size_bounds
 
 from .problem import TableProblem
-from .table_series import Array, BoolArray, TableCandidate, TablePiece
+from .table_series import Array, BoolArray, MeasuredSeries, TableCandidate
 
 # Half-wave numbers of a dependence on a setting, from a slope to the finest shape.
 HALF_WAVES = (1, 2, 4, 12)
@@ -198,14 +198,14 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
     return found
 
 
-def _find_single_variable(piece: TablePiece) -> str:
+def _find_single_variable(piece: MeasuredSeries) -> str:
     """Return the variable by which a piece's settings differ; "" for more than one."""
     names = [name for name in piece.variables if name != "replicate"]
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
 
 
 def _list_dependence_shapes(
-    problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]
+    problem: TableProblem, piece: MeasuredSeries, inside: BoolArray, known: list[Array]
 ) -> dict[str, list[Array]]:
     """Return columns (n, k) of every kind of dependence, by variable, without those within the
     `known` spaces."""

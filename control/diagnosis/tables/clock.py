@@ -30,7 +30,7 @@ MIN_SD = 0.3
 MIN_ROWS = 8
 
 # Number of trial steps for each turn of the longest time's phase.
-STEPS_PER_TURN = 6.0
+TRIAL_STEPS_PER_PHASE_TURN = 6.0
 # Bounds of the number of trial steps.
 MIN_STEPS, MAX_STEPS = 50, 3000
 # Number of printed digits in the smallest trial step.
@@ -39,9 +39,9 @@ MIN_STEP_DIGITS = 8.0
 # phases.
 MAX_SCATTERS = 4.0
 # Maximum multiple of the step at the peak that is tried.
-MAX_MULTIPLE = 12
+MAX_TRIED_STEP_MULTIPLE = 12
 # Share of the highest mean cosine from which a multiple of the step is preferred.
-MULTIPLE_SHARE = 0.95
+SAME_PEAK_SHARE = 0.95
 
 # Maximum number of distinct readings for the test of whole steps, where too little scatter is left
 # for the quantogram.
@@ -60,7 +60,7 @@ COARSE_DIGIT_S = 0.1
 PRINT_RESOLUTION_S = 0.001
 
 # Minimum scatter as a share of a step for the rounding to average out.
-MIN_DITHER_SHARE = 0.35
+MIN_SCATTER_IN_STEPS = 0.35
 
 
 class CoarseClock(NamedTuple):
@@ -106,7 +106,9 @@ def find_clock_step(
     coarsest = MAX_SCATTERS * max(scatter, 0.5 * spread)
     if rows < MIN_ROWS or scatter <= 10.0**-COMPARED_DIGITS or coarsest <= 1.2 * finest:
         return None
-    count = int((1.0 / finest - 1.0 / coarsest) * STEPS_PER_TURN * float(np.abs(times_s).max()))
+    count = int(
+        (1.0 / finest - 1.0 / coarsest) * TRIAL_STEPS_PER_PHASE_TURN * float(np.abs(times_s).max())
+    )
     steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, MIN_STEPS), MAX_STEPS))
     mean, sd = _calc_quantogram_moments(fitted_s, scatter, steps)
     seen = _calc_quantogram(times_s[None, :], steps)[0]
@@ -163,7 +165,7 @@ def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None
 def find_rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
     """Return the s.d. of the rounding error that all replicates of a setting share, s; 0 where
     their scatter averages it out."""
-    if clock is None or not clock.shown or scatter_s >= MIN_DITHER_SHARE * clock.step_s:
+    if clock is None or not clock.shown or scatter_s >= MIN_SCATTER_IN_STEPS * clock.step_s:
         return 0.0
     return clock.step_s / float(np.sqrt(12.0))
 
@@ -212,11 +214,11 @@ def _find_coarsest_step(times: Array, step: float, coarsest: float) -> float:
     """Return the step near `step` with the strongest clustering, or the largest multiple with
     similar clustering."""
     best = step = _find_peak_near(times, step)
-    for factor in range(2, MAX_MULTIPLE + 1):
+    for factor in range(2, MAX_TRIED_STEP_MULTIPLE + 1):
         if factor * step > coarsest:
             break
         tried = _find_peak_near(times, factor * step)
-        if _calc_clustering(times, tried) >= MULTIPLE_SHARE * _calc_clustering(times, step):
+        if _calc_clustering(times, tried) >= SAME_PEAK_SHARE * _calc_clustering(times, step):
             best = tried
     return best
 

@@ -16,7 +16,7 @@ from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
 from .problem import TableProblem
 from .search import Model, TableSearch, refine_table_model
-from .table_series import Array, BoolArray, IntArray, SizedEffect, TablePiece
+from .table_series import Array, BoolArray, IntArray, MeasuredSeries, SizedEffect
 
 # Number of bootstrap resamples of the settings, for the interval of the gain.
 RESAMPLE_COUNT = 400
@@ -160,7 +160,7 @@ def list_detectable_sizes(search: TableSearch) -> dict[str, float]:
 class LabelContrast(NamedTuple):
     """Difference of two labels beyond the model, with half of its 90 % interval."""
 
-    piece: TablePiece
+    piece: MeasuredSeries
     one: str
     other: str
     difference: float
@@ -187,7 +187,7 @@ def list_label_contrasts(problem: TableProblem) -> list[LabelContrast]:
 
 
 def _calc_label_contrast(
-    piece: TablePiece, rest: Array, one: str, other: str
+    piece: MeasuredSeries, rest: Array, one: str, other: str
 ) -> LabelContrast | None:
     keys = list(
         zip(

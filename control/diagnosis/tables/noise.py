@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import fdtrc
 from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
-from .table_series import Array, BoolArray, IntArray, TablePiece, find_first_best
+from .table_series import Array, BoolArray, IntArray, MeasuredSeries, find_first_best
 
 # Outliers are winsorised to this number of robust s.d. from the median of their replicates (3.5:
 # Iglewicz and Hoaglin 1993).
@@ -32,7 +32,7 @@ MIN_PURE_DOF = 5
 
 # Replicates that differ by less than this share of their last digit, or of the farthest one, are
 # the same reading.
-MAX_EQUAL_SHARE = 1e-6
+SAME_READING_TOLERANCE = 1e-6
 
 
 class TableNoise(NamedTuple):
@@ -54,7 +54,7 @@ class TableNoise(NamedTuple):
     setting_sd: tuple[tuple[int, int, float], ...]
 
 
-def estimate_table_noise(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
+def estimate_table_noise(piece: MeasuredSeries, setting: IntArray, nominal: Array) -> TableNoise:
     """Estimate the noise of the rows from replicates (pure error), or else from a smooth fit of the
     model's residual.
 
@@ -66,14 +66,16 @@ def estimate_table_noise(piece: TablePiece, setting: IntArray, nominal: Array) -
 
 
 def _try_noise_spread(
-    piece: TablePiece, setting: IntArray, nominal: Array, spread: Array
+    piece: MeasuredSeries, setting: IntArray, nominal: Array, spread: Array
 ) -> tuple[TableNoise, float]:
     """Return the noise for rows with the relative noise `spread`, and its log-likelihood."""
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
     rounding = find_quantum(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
-    none = MAX_EQUAL_SHARE * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
+    none = SAME_READING_TOLERANCE * max(
+        rounding, float(np.max(np.abs(relative - medians[setting])))
+    )
     winsorised, outliers = _winsorise_rows(relative, medians, setting, counts, none)
     means = np.bincount(setting, winsorised) / counts
     inside = winsorised - means[setting]
@@ -138,7 +140,7 @@ def _winsorise_rows(
     return winsorised, outliers
 
 
-def smooth_by_settings(piece: TablePiece, values: Array) -> tuple[Array, int]:
+def smooth_by_settings(piece: MeasuredSeries, values: Array) -> tuple[Array, int]:
     """Smooth values (n,) by a low-order polynomial in the settings, separately by label, and return
     the number of fitted columns as well."""
     columns = [

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
-from .clock import MIN_DITHER_SHARE, CoarseClock, find_clock_step, find_rounding_sd
+from .clock import MIN_SCATTER_IN_STEPS, CoarseClock, find_clock_step, find_rounding_sd
 from .noise import (
     TableNoise,
     estimate_table_noise,
@@ -19,9 +19,9 @@ from .noise import (
 from .table_series import (
     Array,
     IntArray,
+    MeasuredSeries,
     SizedEffect,
     TableCandidate,
-    TablePiece,
     add_effects,
     describe_scope,
 )
@@ -37,7 +37,7 @@ class TableProblem(NamedTuple):
     """Rows (n,) of all pieces. `group`: label within a table; `setting`: rows with the same
     setting."""
 
-    pieces: tuple[TablePiece, ...]
+    pieces: tuple[MeasuredSeries, ...]
     machine: Machine
     # Measured values with winsorised outliers among replicates.
     observed: Array
@@ -87,7 +87,7 @@ class TableProblem(NamedTuple):
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
 
-    def _applies_to(self, candidate: TableCandidate, piece: TablePiece, group: int) -> bool:
+    def _applies_to(self, candidate: TableCandidate, piece: MeasuredSeries, group: int) -> bool:
         if candidate.scope is None:
             return candidate.id not in piece.named_only
         return group in self.scopes[candidate.scope]
@@ -126,7 +126,7 @@ class TableProblem(NamedTuple):
 class _JudgedPiece(NamedTuple):
     """One piece with its noise and its clock. Settings are numbered from 0 in each piece."""
 
-    piece: TablePiece
+    piece: MeasuredSeries
     nominal: Array
     setting: IntArray
     noise: TableNoise
@@ -135,7 +135,7 @@ class _JudgedPiece(NamedTuple):
     rounding: float
 
 
-def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
+def make_problem(pieces: Sequence[MeasuredSeries], machine: Machine, seed: int = 0) -> TableProblem:
     """Join the pieces, and estimate the noise of each from its replicates, or else from a smooth
     fit.
 
@@ -181,7 +181,7 @@ def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) 
     )
 
 
-def _judge_piece(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
+def _judge_piece(piece: MeasuredSeries, machine: Machine, seed: int) -> _JudgedPiece:
     setting, nominal = number_settings(piece), piece.predict(machine)
     noise = estimate_table_noise(piece, setting, nominal)
     clock = _find_clock_step(piece, setting, noise.outliers, seed) if piece.clocked else None
@@ -197,7 +197,7 @@ def _judge_piece(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece
 
 
 def _find_clock_step(
-    piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int
+    piece: MeasuredSeries, setting: IntArray, outliers: IntArray, seed: int
 ) -> CoarseClock | None:
     """Return the clock step in the times around the medians of settings with replicates, or else
     around a smooth fit."""
@@ -214,17 +214,19 @@ def _find_clock_step(
     )
 
 
-def _calc_digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
+def _calc_digit_sd(piece: MeasuredSeries, setting: IntArray, scatter: float) -> float:
     """Return the s.d. of the rounding error that replicates share because they scatter less than
     the last digit; 0 where they do not."""
     quantum = find_quantum(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_EXTRA_REPLICATES
     return (
-        quantum / float(np.sqrt(12.0)) if repeated and scatter < MIN_DITHER_SHARE * quantum else 0.0
+        quantum / float(np.sqrt(12.0))
+        if repeated and scatter < MIN_SCATTER_IN_STEPS * quantum
+        else 0.0
     )
 
 
-def number_settings(piece: TablePiece) -> IntArray:
+def number_settings(piece: MeasuredSeries) -> IntArray:
     """Return the index of the setting of each row, (n,): rows with the same label and variables
     except the replicate."""
     keys = [
@@ -240,7 +242,9 @@ def number_settings(piece: TablePiece) -> IntArray:
     return np.array([order[row] for row in rows], dtype=np.int64)
 
 
-def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
+def _number_groups(
+    pieces: Sequence[MeasuredSeries],
+) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
     """Return the group of each row, and table and label of each group; columns of one table share
     their groups."""
     names: dict[tuple[str, str], int] = {}
@@ -253,7 +257,7 @@ def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[
 
 
 def _list_scoped_candidates(
-    pieces: Sequence[TablePiece], group: IntArray, index: IntArray
+    pieces: Sequence[MeasuredSeries], group: IntArray, index: IntArray
 ) -> list[TableCandidate]:
     """Return the effects that may hold in one group only, group by group."""
     found = []
@@ -268,7 +272,7 @@ def _list_scoped_candidates(
 
 
 def _merge_field_groups(
-    pieces: Sequence[TablePiece],
+    pieces: Sequence[MeasuredSeries],
     candidates: Sequence[TableCandidate],
     scopes: Sequence[frozenset[int]],
     group: IntArray,
@@ -297,7 +301,7 @@ def _merge_field_groups(
     return found, shared
 
 
-def _stack_tolerances(pieces: Sequence[TablePiece]) -> Array:
+def _stack_tolerances(pieces: Sequence[MeasuredSeries]) -> Array:
     names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
     parts = [
         np.column_stack(

@@ -51,7 +51,7 @@ from .duplicate_rows import DuplicateRows, describe_duplicates
 from .gain import list_label_contrasts
 from .noise import MAX_ROBUST_SD, MAX_UNEQUAL_P
 from .problem import TableProblem
-from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, add_effects
+from .table_series import Array, BoolArray, MeasuredSeries, SizedEffect, TableCandidate, add_effects
 from .verdict import Judgement, NamedEffect
 
 # Effects that add the same time to every row, as the steps of a coarse clock may do.
@@ -313,7 +313,7 @@ def _describe_unjudged(table: BenchTable) -> list[str]:
     ]
 
 
-def _describe_noise(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
+def _describe_noise(problem: TableProblem, index: int, piece: MeasuredSeries) -> list[str]:
     """Return findings about outliers, and about settings with more scatter than others."""
     out = []
     noise = problem.noise[index]
@@ -380,7 +380,7 @@ def _describe_settings(problem: TableProblem, judgement: Judgement) -> list[str]
     return out
 
 
-def _describe_setting(piece: TablePiece, rows: BoolArray) -> str:
+def _describe_setting(piece: MeasuredSeries, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
     parts = [
         f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"

@@ -41,7 +41,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.start import calc_change_response_s, calc_response_s
 
-from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
+from .table_series import Array, BoolArray, MeasuredSeries, TableCandidate, list_varying
 
 # Label words for a start with an empty tube.
 EMPTY_WORDS = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
@@ -128,7 +128,7 @@ def read_roles(table: BenchTable) -> RowRoles:
 # Lags: response, drop time, both, or the distance at the recorded speed (lag paper eq 1, 6).
 
 
-def make_lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_lag_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return a piece for each measured column."""
     return tuple(
         _make_lag_piece(table, machine, name)
@@ -137,7 +137,7 @@ def make_lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ..
     )
 
 
-def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
+def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> MeasuredSeries:
     keep = np.isfinite(table.columns[name])
     rpm = table.columns["shaft_rpm"][keep]
     speed = table.find_speed_mps()
@@ -178,7 +178,7 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
     spread = (
         np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     )
-    return TablePiece(
+    return MeasuredSeries(
         f"{table.path} {name}".strip(),
         "lag" if drops else "shaft",
         "s",
@@ -262,7 +262,7 @@ def list_rise_shapes(rpm: Array, full_rpm: float) -> Array:
 # Places: landing minus target position along the travel (lag paper, tables 5 and 6).
 
 
-def make_place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_place_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return one piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
 
     A correction is a distance that control calculated from its lag and the speed that it assumed,
@@ -306,7 +306,7 @@ def make_place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, 
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
     return (
-        TablePiece(
+        MeasuredSeries(
             f"{table.path} miss_m".strip(),
             "place",
             "m",
@@ -333,7 +333,7 @@ def make_place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, 
 # Catches: mass from a turning shaft in a given time, all outlets together or each by itself.
 
 
-def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return one piece: mass_kg. The replicates decide whether its noise is constant, proportional
     to the mass, or between."""
     columns = table.columns
@@ -379,7 +379,7 @@ def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, 
         pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES and len(np.unique(lasts_s)) > 2),
     )
     return (
-        TablePiece(
+        MeasuredSeries(
             f"{table.path} mass_kg".strip(),
             "flow",
             "kg",
@@ -493,7 +493,7 @@ def _fit_pulse_phase(mass: Array, nominal: Array, angle: Array) -> float:
 # Plots: target and applied mass (decision paper, table 2).
 
 
-def make_weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_weigh_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return one piece: applied_kg. The model gives the metering, the wheel the speed, the hopper
     scale the applied mass."""
     columns = table.columns
@@ -530,7 +530,7 @@ def make_weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, 
     if speed is not None:
         variables["speed_mps"] = speed
     return (
-        TablePiece(
+        MeasuredSeries(
             f"{table.path} applied_kg".strip(),
             "flow",
             "kg",
@@ -578,7 +578,7 @@ def _count_shaft_turns(table: BenchTable, machine: Machine, mean_mps: float) -> 
 # Heads: reading of each canopy head over references of known NDVI.
 
 
-def make_heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_heads_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return one piece: ndvi. Warm-up can show only where the table states how long the heads had
     been on."""
     columns = table.columns
@@ -619,7 +619,7 @@ def make_heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, 
     if "height_m" in columns:
         variables["height_m"] = columns["height_m"]
     return (
-        TablePiece(
+        MeasuredSeries(
             f"{table.path} ndvi".strip(),
             "heads",
             "NDVI",
@@ -654,7 +654,7 @@ def _list_flattening_shapes(reference: Array) -> Array:
     )
 
 
-_PIECE_MAKERS: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
+_PIECE_MAKERS: dict[str, Callable[[BenchTable, Machine], tuple[MeasuredSeries, ...]]] = {
     "lag": make_lag_pieces,
     "catch": make_catch_pieces,
     "weigh": make_weigh_pieces,
@@ -663,7 +663,7 @@ _PIECE_MAKERS: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]
 }
 
 
-def make_table_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_table_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeries, ...]:
     """Return a piece for each measured column of a usable table
     (control.calibration.bench_table.usable)."""
     return _PIECE_MAKERS[table.kind](table, machine)

@@ -37,7 +37,7 @@ class SizedEffect(NamedTuple):
     size: float
 
 
-class TablePiece(NamedTuple):
+class MeasuredSeries(NamedTuple):
     """Rows (n,) of one measured column. `predict` runs the machine model for every row, in
     `unit`."""
 
@@ -89,7 +89,7 @@ def describe_scope(groups: Iterable[tuple[str, str]]) -> str:
     return SCOPE_AND.join(describe_group(table, label) for table, label in groups)
 
 
-def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
+def is_within_scope(scope: str | None, piece: MeasuredSeries, label: str, effect_id: str) -> bool:
     """Tell whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only

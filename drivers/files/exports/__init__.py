@@ -8,6 +8,6 @@ Files:
 - `export_writer`: How is an as-applied export written in the format of the path's suffix?
 - `farm_record`: Which passes does a farm record contain, one CSV line each
 - `isoxml`: How is applied work written as an ISO 11783-10 task?
-- `stopped_release`: How much material did a machine release while it was commanded to stop?
+- `released_while_stopped`: How much material did a machine release while it was commanded to stop?
 - `time_log`: How is an ISO 11783-10 time log (TLG) written?
 """

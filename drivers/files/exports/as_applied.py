@@ -27,9 +27,9 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves, SectionStrip
 from topdress.control.metering.inverse import Conditions
 from topdress.control.orders import State, TargetSource
-from topdress.drivers.files.exports.stopped_release import (
+from topdress.drivers.files.exports.released_while_stopped import (
     MIN_TURNING_SHAFT_RPM,
-    StoppedRelease,
+    ReleaseWhileStopped,
     find_stopped_releases,
     find_stopped_rows,
 )
@@ -104,7 +104,7 @@ class WorkedStretches(NamedTuple):
     width_m: Floats
 
 
-class LimitedGround(NamedTuple):
+class CropLimitedGround(NamedTuple):
     """Holds the ground on which the target exceeded the crop's limit, so that the limit was
     applied."""
 
@@ -131,14 +131,14 @@ class AsApplied:
     # The field's outline (k, 2), latitude and longitude.
     field_deg: Floats | None
     # None if the limit never applied, or is unknown.
-    cut: LimitedGround | None
+    cut: CropLimitedGround | None
     # Cost of a single rate across the width; None for a rate without canopy sensing, or where it
     # cannot be computed.
     one_rate: WidthError | None = None
     # Worked ground by its position: with applied material, and with a rate of 0.
     ground: Covered | None = None
     # Material released while the machine was commanded to stop; totals.stopped_kg includes it.
-    stopped: tuple[StoppedRelease, ...] = ()
+    stopped: tuple[ReleaseWhileStopped, ...] = ()
 
     @property
     def worked_ha(self) -> float:
@@ -638,7 +638,7 @@ def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Tota
 
 def _find_limited_ground(
     log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]
-) -> LimitedGround | None:
+) -> CropLimitedGround | None:
     """Returns the ground on which the target exceeded the crop's limit; None where it never did, or
     the limit is unknown."""
     # A foreign sidecar may have any content in place of a number.
@@ -651,7 +651,7 @@ def _find_limited_ground(
     width_m = rows.opened @ np.array([strip.right_m - strip.left_m for strip in strips])
     ha = (rows.speed_mps * rows.step_s * width_m)[above] / 10_000.0
     wanted = rows.target_kg_ha[above]
-    return LimitedGround(
+    return CropLimitedGround(
         float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum())
     )
 

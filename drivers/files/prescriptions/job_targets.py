@@ -17,8 +17,8 @@ from topdress.control.machine.machine import Machine
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_check import MapCheck, check_map
 from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.plant_doser import OTHER_PLANT_DISTANCE_M, DoseError
 from topdress.control.targets.plants import PlantList
-from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, DoseError
 from topdress.control.targets.prescription import MapData, project_prescription, project_rates
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import list_opened_files
@@ -91,9 +91,9 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
         one = DoseError(*cells)
         # A speed in km/h or an error in mm would shift every dose.
         if not (
-            abs(one.error_m) <= MAX_DOSE_ERROR_M
+            abs(one.error_m) <= OTHER_PLANT_DISTANCE_M
             and 0.0 < one.speed_mps <= MAX_DOSE_SPEED_MPS
-            and abs(one.threshold_m) <= MAX_DOSE_ERROR_M
+            and abs(one.threshold_m) <= OTHER_PLANT_DISTANCE_M
         ):
             raise PrescriptionError(
                 PlaceInFile(str(path)).go_down("line {line}", line=number),
@@ -101,7 +101,7 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
                 "{most:g} m, speeds above 0 to {fastest:g} m/s",
                 error=one.error_m,
                 speed=one.speed_mps,
-                most=MAX_DOSE_ERROR_M,
+                most=OTHER_PLANT_DISTANCE_M,
                 fastest=MAX_DOSE_SPEED_MPS,
             )
         found.append(one)

@@ -24,7 +24,7 @@ from topdress.console.app.pages.job.service import (
     RecentSet,
 )
 from topdress.console.app.source import FrameSource
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.field.job import make_rule
 from topdress.control.machine.machine import Adopted
 from topdress.control.targets.map_check import MapCheck

@@ -22,7 +22,7 @@ from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.frame import DeviceView, Frame
 from topdress.console.locale import N_, _
-from topdress.control.agronomy.strips import (
+from topdress.control.agronomy.reference_strips import (
     ENOUGH_N_SUFFICIENCY,
     Strips,
     StripValue,
@@ -48,7 +48,7 @@ MIN_FREE_BYTES = 200_000_000
 # Below this free space, bytes, the operator is warned: some days of logs are left.
 LOW_FREE_BYTES = 2_000_000_000
 # Scales of growth stages that a crop file may use.
-SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
+GROWTH_SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
 # Notices, notes and questions about a strip, by its kind.
 STRIP_BEGINS = {
     "nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
@@ -105,7 +105,7 @@ def list_checks(
         found.append(JobCheck(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
         found += [
-            *_check_names(facts),
+            *_list_job_names(facts),
             _check_crop(facts),
             *_check_growth(facts),
             *_check_year_nitrogen(facts),
@@ -174,7 +174,7 @@ def _name_device(one: DeviceView) -> str:
     return _(DEVICE_NAMES.get(one.name, one.name))
 
 
-def _check_names(facts: JobFacts) -> tuple[JobCheck, ...]:
+def _list_job_names(facts: JobFacts) -> tuple[JobCheck, ...]:
     """Return client, farm, product and operator; nothing where no name is given."""
     names = facts.names
     said = [one for one in (names.client, names.farm, names.product, names.operator) if one]
@@ -229,7 +229,7 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
     growth = facts.setup.growth
     if growth is None:
         return ()
-    label, scale = _("growth stage"), _(SCALE_NAMES[growth.scale])
+    label, scale = _("growth stage"), _(GROWTH_SCALE_NAMES[growth.scale])
     first, last = f"{growth.first:g}", f"{growth.last:g}"
     # The rule may still be right, so a missing stage is a warning only.
     if growth.stage is None:
@@ -255,7 +255,7 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
     return (JobCheck(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
-def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
+def find_strips_in_force(frame: Frame | None, facts: JobFacts | None) -> Strips:
     """Return the strips in force: the worker's, which include strips measured since its start, else
     those of the files."""
     # The worker measures strips during the run and knows them before the files do.
@@ -331,7 +331,7 @@ def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobChec
         or facts.setup.job.target.source not in CANOPY_SOURCES
     ):
         return ()
-    label, strips = _("response index"), find_present_strips(frame, facts)
+    label, strips = _("response index"), find_strips_in_force(frame, facts)
     # Both strips must be of this field and day, because the index compares them.
     index = calc_measured_index(strips)
     if index is None:

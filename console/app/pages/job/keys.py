@@ -14,7 +14,7 @@ from topdress.console.app.pages.job.checklist import (
     compare_strip_rates,
     describe_index_doubt,
     describe_poor_strip,
-    find_present_strips,
+    find_strips_in_force,
     list_checks,
 )
 from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
@@ -22,7 +22,7 @@ from topdress.console.app.pages.job.strip_measurement import MIN_STRIP_M, StripR
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.orders import Do, Order, State
 from topdress.drivers.files.formats.registry import list_able
 
@@ -88,7 +88,7 @@ def press_strip_key(page: JobScreen) -> None:
     said = (
         compare_strip_rates(
             page.facts,
-            find_present_strips(page.app.arrival.frame, page.facts),
+            find_strips_in_force(page.app.arrival.frame, page.facts),
             with_it,
             page.field_ndvi,
             page.app.units,
@@ -135,7 +135,7 @@ def _use_strip_value(page: JobScreen, value: StripValue) -> None:
     restores both."""
     # Undo needs the value that was in force before.
     before = value._replace(
-        ndvi=getattr(find_present_strips(page.app.arrival.frame, page.facts), value.which), se=None
+        ndvi=getattr(find_strips_in_force(page.app.arrival.frame, page.facts), value.which), se=None
     )
 
     def save_value(strip: StripValue) -> None:

@@ -26,7 +26,7 @@ from topdress.console.app.pages.job.check_list import (
 from topdress.console.app.pages.job.checklist import (
     STRIP_RUNS,
     find_file_name,
-    find_present_strips,
+    find_strips_in_force,
     list_checks,
     list_refills,
     make_total_items,
@@ -58,7 +58,7 @@ from topdress.console.app.widgets.action_chips import Chip, Chips
 from topdress.console.app.widgets.labelled_values import Items
 from topdress.console.frame import Frame
 from topdress.console.locale import _
-from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import Strips, StripValue
 from topdress.control.orders import Do
 
 # Rows of the checks at low and at middle height.
@@ -417,7 +417,7 @@ class JobScreen(Page):
     def replace_strip(self, value: StripValue | None) -> Strips:
         """Return the strips in force after the strip that was just measured."""
         frame, facts = self.app.arrival.frame, self.facts
-        now = find_present_strips(frame, facts)
+        now = find_strips_in_force(frame, facts)
         return now if value is None else now._replace(**{value.which: value.ndvi})
 
     def save_for_next_start(self, work: Callable[[], str]) -> None:

@@ -12,7 +12,7 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.source import FrameSource
 from topdress.console.locale import N_
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.field.job_names import JobNames as JobNames
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from math import sqrt
 from statistics import median
 from typing import Literal, NamedTuple
 
-from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.reference_strips import StripValue
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 # Shortest strip with a usable mean, m.

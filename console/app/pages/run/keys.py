@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from topdress.console.app import frame_words
 from topdress.console.app.action import RUN, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
-from topdress.console.app.dose_change import find_source_rate, predict_dose_change
+from topdress.console.app.dose_change_check import find_source_rate, predict_dose_change
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.run.section_bar import list_section_choices
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
@@ -369,7 +369,7 @@ def ask_allowance(page: RunScreen) -> None:
 def ask_dose_error(page: RunScreen) -> None:
     """Ask for the error of the newest dose, as somebody measured it behind the machine."""
     # The limit is imported on use, because few jobs have single doses.
-    from topdress.control.targets.point_source import MAX_DOSE_ERROR_M
+    from topdress.control.targets.plant_doser import OTHER_PLANT_DISTANCE_M
 
     def ask_distance(side: str) -> None:
         # Late is positive, as in the order.
@@ -379,7 +379,7 @@ def ask_dose_error(page: RunScreen) -> None:
                 _("How far from its plant?"),
                 unit.name,
                 0.0,
-                MAX_DOSE_ERROR_M * unit.per_si,
+                OTHER_PLANT_DISTANCE_M * unit.per_si,
                 to_si=unit.convert_to_si,
             ),
             lambda error_m: page.app.give_order(Do.DOSE_ERROR, sign * error_m),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from topdress.drivers.files.settings import Settings
-from topdress.drivers.files.settings_theme import ThemeData
+from topdress.drivers.files.user_themes import ThemeData
 
 
 @dataclass(slots=True)

@@ -17,7 +17,7 @@ RELEASE_EVENT = "released_stopped"
 MIN_TURNING_SHAFT_RPM = 2.0
 
 
-class StoppedRelease(NamedTuple):
+class ReleaseWhileStopped(NamedTuple):
     """Holds one such event. The position is the antenna's; NaN where unknown."""
 
     time_s: float
@@ -26,12 +26,12 @@ class StoppedRelease(NamedTuple):
     kg: float
 
 
-def find_stopped_releases(log: RunLog) -> tuple[StoppedRelease, ...]:
+def find_stopped_releases(log: RunLog) -> tuple[ReleaseWhileStopped, ...]:
     """Returns the log's events of this kind, in their order."""
     texts, time_s = log.texts("events").tolist(), log.time_s
     lat, lon = log.numbers("lat_deg"), log.numbers("lon_deg")
     return tuple(
-        StoppedRelease(float(time_s[k]), float(lat[k]), float(lon[k]), _parse_event_kg(event))
+        ReleaseWhileStopped(float(time_s[k]), float(lat[k]), float(lon[k]), _parse_event_kg(event))
         for k, text in enumerate(texts)
         if RELEASE_EVENT in text
         for event in text.split(";")

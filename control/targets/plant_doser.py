@@ -18,15 +18,15 @@ from .point import PlannedDose, PointLag, PointMode, calc_max_speed_mps
 # Plants are looked for this far beyond the lag distance, m.
 LOOK_BEYOND_LAG_M = 2.0
 # After a turn by this, degrees, plants that were ahead are forgotten.
-FORGET_TURN_DEG = 20.0
+NEW_PASS_TURN_DEG = 20.0
 # Length of the way behind that is kept to place earlier pictures, m.
 WAY_KEPT_M = 20.0
 # The shaft stands this long after the time of a dose, s.
 SHAFT_SETTLING_S = 0.5
 # A dose farther from its plant was meant for another one, m.
-MAX_DOSE_ERROR_M = 2.0
+OTHER_PLANT_DISTANCE_M = 2.0
 # Number of doses whose mean spacing is used.
-SPACING_DOSES = 20
+MEAN_SPACING_DOSE_COUNT = 20
 
 
 class CommandedDose(NamedTuple):
@@ -58,7 +58,7 @@ class DueDose(NamedTuple):
 NO_DOSE = DueDose(None, ())
 
 
-class PointSource:
+class PlantDoser:
     """Turns plants from a list or a camera into doses.
 
     `tick` is called after `look`, once a control period. A dose is commanded on the tick nearest
@@ -101,9 +101,9 @@ class PointSource:
         return None if self._plants is None else self._plants.plane
 
     @property
-    def spacing_m(self) -> float | None:
+    def recent_dose_spacing_m(self) -> float | None:
         """Returns the mean distance between the last doses, m; None before the second."""
-        last = list(self.given)[-SPACING_DOSES:]
+        last = list(self.given)[-MEAN_SPACING_DOSE_COUNT:]
         return (last[-1].plant_m - last[0].plant_m) / (len(last) - 1) if len(last) > 1 else None
 
     @property
@@ -117,7 +117,7 @@ class PointSource:
             float(np.median(np.diff(places))), self.mode.lag.turn_s, self.mode.rest_s
         )
 
-    def may_turn(self, now_s: float) -> bool:
+    def may_still_be_turning(self, now_s: float) -> bool:
         """Returns whether an ordered dose may still be turning."""
         return (
             bool(self.given)
@@ -146,7 +146,7 @@ class PointSource:
         if (
             heading_deg is not None
             and self._looked_deg is not None
-            and abs((heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > FORGET_TURN_DEG
+            and abs((heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > NEW_PASS_TURN_DEG
         ):
             self.row.drop_unseen([], max(fixed, track_m), float("inf"))
         if place is None or heading_deg is None:

@@ -59,7 +59,7 @@ class UsbLine:
             self._waiting += data
 
 
-class LoadCell:
+class Hx711LoadCell:
     """Reads an HX711: `data` falls when a conversion is ready (10 a second), and `clock` fetches it
     bit by bit. kg = slope x counts + zero, from the two-point calibration of the hopper."""
 
@@ -100,7 +100,7 @@ class LoadCell:
         return bit
 
 
-class Inclinometer:
+class Lis3dhInclinometer:
     """Reads a LIS3DH that is mounted flat, x to the front, y to the right, z up. A mean with time
     constant `tau_s` removes shaking."""
 

@@ -20,20 +20,20 @@ TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 MALLOC_SETTINGS = {TRIM_THRESHOLD: 1 << 26, MMAP_THRESHOLD: 1 << 25, ARENA_MAX: 1}
 
 
-def begin_imports() -> None:
+def pause_gc_for_imports() -> None:
     """Switches garbage collection and pydantic's plugins off, before the imports."""
     gc.disable()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
-def end_imports() -> None:
+def resume_gc() -> None:
     """Freezes all existing objects, and switches garbage collection on again, once the program
     runs."""
     gc.freeze()
     gc.enable()
 
 
-def collect_seldom() -> None:
+def make_gc_rare() -> None:
     """Makes garbage collections a hundred times rarer, before a long computation that leaves little
     garbage.
 
