@@ -21,6 +21,7 @@ from topdress.control.diagnosis.runs.held_out import (
     HELD_OUT_BLOCKS,
     hold_out_blocks,
 )
+from topdress.control.diagnosis.runs.intermittent import _calc_step_gains
 from topdress.control.diagnosis.runs.quantised import (
     calc_rounding_error,
     find_final_steps,
@@ -167,6 +168,23 @@ def test_what_has_no_step_is_refused(value: float) -> None:
         solve_linear_system(np.full((4, 4), value), np.ones(4))
 
 
+def test_weighted_samples_count_by_their_weight_and_come_back_without_it() -> None:
+    series = np.random.default_rng(5).standard_normal(600)
+    weights = np.where(np.arange(600) < 200, 0.5, 1.0)
+    cut = make_segments(600)._replace(weights=weights)
+    banded = calc_coefficients(series, cut)
+    assert np.sum(banded**2) == pytest.approx(np.sum((weights * series) ** 2))
+    assert make_series(banded, cut) == pytest.approx(series)
+
+
+def test_a_step_of_the_scale_is_weighed_against_a_slope() -> None:
+    noise = np.random.default_rng(6).normal(0.0, 0.1, 200)
+    at, sd = np.arange(200), np.array([0.1 * np.sqrt(2.0 / 40.0)])
+    step = _calc_step_gains(noise + (at >= 100), np.array([96]), 40, 8, sd)
+    slope = _calc_step_gains(noise + at / 88.0, np.array([96]), 40, 8, sd)
+    assert step[0] > 50.0 and slope[0] < -50.0
+
+
 # --- Blocks of a log that no size is fitted to: where they lie, and that a short log has none
 # -------------------------
 
@@ -180,7 +198,7 @@ class Series(NamedTuple):
 
     measured: np.ndarray
     grid: Steps
-    cut: Any = None
+    cut: Any = make_segments(1)
 
 
 @pytest.mark.parametrize("step_s", [0.1, 0.2])

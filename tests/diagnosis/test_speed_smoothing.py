@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from topdress.control.diagnosis.effects import SPEED_GNSS_LATENCY
 from topdress.control.diagnosis.runs.channels import make_channels
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import clean_run_log
 from topdress.control.diagnosis.runs.stages import make_run_data
@@ -59,3 +60,23 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
 
     found = min(np.arange(0.0, 1.5, STEP_S).tolist(), key=left)
     assert found == pytest.approx(late_s, rel=SHARE, abs=2.0 * STEP_S)
+
+
+def test_plateaus_of_speed_show_the_whole_latency() -> None:
+    """Of a machine that hardly ever changes its speed, the noise of both sensors in their mean
+    made a delay of 0.6 s look like one of 0.4 s."""
+    machine = load_config("huanghai", MACHINE_KIND).model
+    rng, late_s = np.random.default_rng(0), 0.6
+    time_s = np.arange(0.0, 900.0, 0.1)
+    at_s = np.sort(np.concatenate((np.arange(0.0, 900.0, 30.0), np.arange(1.0, 900.0, 30.0))))
+    speed = np.interp(time_s, at_s[1:-1], np.repeat(rng.uniform(1.0, 2.0, 29), 2))
+    gnss = np.interp(time_s - late_s, time_s, speed) + rng.normal(0.0, 0.06, len(time_s))
+    wheel = speed + rng.normal(0.0, 0.06, len(time_s))
+    columns = {
+        "time_s": time_s,
+        "speed_mps": gnss,
+        "wheel_speed_mps": wheel,
+    }
+    found = diagnose_run(columns, machine)
+    (late,) = (one for one in found.causes if one.id == SPEED_GNSS_LATENCY.id)
+    assert late.size.value == pytest.approx(late_s, abs=0.06)

@@ -42,6 +42,8 @@ class Segments(NamedTuple):
     members: Array
     # Mean angular frequency of each band, rad per sample.
     omega: Array
+    # Weight of each sample (n,): its noise is that of the bands divided by the weight. None: 1.
+    weights: Array | None = None
 
 
 def make_segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> Segments:
@@ -86,11 +88,16 @@ def leave_out_bands(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
     kept = ~np.repeat(bands, cut.members.astype(np.int64))
     members = cut.members[~bands]
     starts = np.concatenate(([0], np.cumsum(members[:-1]))).astype(np.int64)
-    return Segments(cut.length, cut.bounds, cut.order[kept], starts, members, cut.omega[~bands])
+    return cut._replace(
+        order=cut.order[kept], starts=starts, members=members, omega=cut.omega[~bands]
+    )
 
 
 def calc_coefficients(series: Array, cut: Segments) -> Array:
-    """Return the cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
+    """Return the cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m). The
+    series are weighted."""
+    if cut.weights is not None:
+        series = series * cut.weights.astype(series.dtype, copy=False)
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
     if len(parts) == 1 and len(cut.order) == parts[0].shape[-1]:
         # With a single segment, the coefficients are in the order of their bands already.
@@ -99,8 +106,8 @@ def calc_coefficients(series: Array, cut: Segments) -> Array:
 
 
 def make_series(banded: Array, cut: Segments) -> Array:
-    """Return the series (n,) of cosine coefficients sorted by band (m,); zero outside the
-    segments."""
+    """Return the series (n,) of cosine coefficients sorted by band (m,), without the weights; zero
+    outside the segments."""
     plain = np.zeros(sum(end - begin for begin, end in cut.bounds))
     plain[cut.order] = banded
     out = np.zeros(cut.length)
@@ -108,7 +115,7 @@ def make_series(banded: Array, cut: Segments) -> Array:
     for begin, end in cut.bounds:
         out[begin:end] = idct(plain[begin_at : begin_at + end - begin], norm="ortho")
         begin_at += end - begin
-    return out
+    return out if cut.weights is None else out / cut.weights
 
 
 def calc_band_products(x: Array, y: Array, cut: Segments) -> Array:

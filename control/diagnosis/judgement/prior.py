@@ -57,8 +57,9 @@ TERM_SDS = {
 }
 # Share of an effect's own signal by which its form may differ from the catalogue's.
 FORM_SHARE = 0.25
-# Ratio of the true error of a size to its s.d., by which the probability of a name allows for
-# errors of the model itself: split conformal prediction asks for 1.1 to 1.9 on training logs.
+# Ratio of the true error of a size to its fitted s.d., by which an interval and the probability of
+# a name allow for errors of the model itself: split conformal prediction asks for 1.1 to 1.9 on
+# training logs.
 SIZE_ERROR = 1.5
 # Ratio of the standard deviation of a normal variable to its median absolute deviation.
 ROBUST_SD = 1.4826
@@ -96,9 +97,10 @@ def calc_size_confidence(size: float, sd: float) -> float:
 
     Parameters
     ----------
-    size, sd : a size and its total s.d., in one unit; tolerances and variation included.
+    size, sd : a size and the s.d. of its error, in one unit; tolerances, variation and errors of
+        the model included.
     """
-    return erf(abs(size) / (SIZE_ERROR * sd * sqrt(2.0))) if sd > 0.0 else 1.0
+    return erf(abs(size) / (sd * sqrt(2.0))) if sd > 0.0 else 1.0
 
 
 def find_size_sd(size: float, usual: float) -> float:

@@ -45,7 +45,9 @@ def hold_out_blocks(channel: ChannelSeries) -> HeldOut:
     pieces = (slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT_BLOCKS)
     return HeldOut(
         channel,
-        channel._replace(cut=make_segments(length, kept)),
+        channel._replace(
+            cut=make_segments(length, kept)._replace(weights=channel.cut.weights),
+        ),
         tuple(piece for piece in pieces if piece.start < piece.stop),
     )
 

@@ -426,7 +426,7 @@ def _find_short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDet
 
     A step at an unknown time gains z^2 / 2 minus the logarithm of the number of times. The largest
     step may be a hand on the machine. Downward steps, which no bridge causes, count against upward
-    steps.
+    steps. A loss that depends on a variable is a slope and no step (`_calc_step_gains`).
     """
     left, predicted, step_s = level.left, level.predicted, h.grid.step_s
     side, gap = max(4, round(STEP_WINDOW_S / step_s)), max(1, round(STEP_GAP_S / step_s))
@@ -463,13 +463,40 @@ def _find_short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDet
     # Spells too short to be detected are spread over the flow.
     kept += unseen * np.cumsum(flow) / flowed
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
-    odds = float(up.sum() - up.max() - down.sum()) + find_prior_odds(bridging)
+    against_slopes = _calc_step_gains(left, at[ups], side, gap, sd * level.swell[at[ups]])
+    odds = (
+        min(float(up.sum() - up.max()), float(against_slopes.sum() - against_slopes.max()))
+        - float(down.sum())
+        + find_prior_odds(bridging)
+    )
     sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNDETECTED_SD_SHARE * unseen) / flowed
     return (
         (kept, DirectDetection(bridging, float(sd_share), odds))
         if odds > MIN_REPORT_LOG_ODDS
         else None
     )
+
+
+def _calc_step_gains(
+    left: Array, begins: npt.NDArray[np.int64], side: int, gap: int, sd: Array
+) -> Array:
+    """Return the gain in log-likelihood of a step over a slope in each window (k,): both with a
+    level, fitted to `side` samples before and after `gap` samples.
+
+    Parameters
+    ----------
+    left : residual of the scale (m,), kg.
+    begins : first sample of each gap (k,).
+    sd : s.d. of the difference of the means of both sides (k,), kg.
+    """
+    at = np.concatenate((np.arange(-side, 0), gap + np.arange(side)))
+    windows = left[begins[:, None] + at]
+    windows = windows - windows.mean(axis=1, keepdims=True)
+    step = np.where(at < 0, -0.5, 0.5)
+    slope = at - at.mean()
+    explained = (windows @ step) ** 2 / (step @ step) - (windows @ slope) ** 2 / (slope @ slope)
+    # The variance of the difference of two means of `side` samples is 2 / side of a sample's.
+    return np.asarray(explained / (side * sd**2))
 
 
 def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:

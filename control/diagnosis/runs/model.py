@@ -325,6 +325,14 @@ class GroupModel:
         """Return a value as the machine file declares it."""
         return float(getattr(getattr(self.machine, nuisance.stage), nuisance.field))
 
+    def set_weights(self, name: str, weights: Array | None) -> None:
+        """Weight the samples of a channel (m,), whose noise differs between them; None: equally."""
+        self.channels = tuple(
+            c._replace(cut=c.cut._replace(weights=weights)) if c.name == name else c
+            for c in self.channels
+        )
+        self.moves += 1
+
     def set_offsets(self, offsets: Mapping[str, float]) -> None:
         """Set offsets of nominal values from the machine file's values (by key; other values have
         no offset)."""

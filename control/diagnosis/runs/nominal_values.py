@@ -13,12 +13,13 @@ from topdress.control.diagnosis.judgement.evidence import (
 )
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import calc_coefficients
+from topdress.control.diagnosis.judgement.prior import SIZE_ERROR
 from topdress.control.machine.machine import Machine
 
 from .channels import ChannelSeries
 from .columns import HypothesisColumns
 from .hypothesis import EffectInstance, Hypothesis
-from .model import Nuisance, find_replaced_nominals, find_tolerance
+from .model import Nuisance, calc_equivalent_sd, find_replaced_nominals, find_tolerance
 
 # Maximum number of rounds of the fit.
 MAX_ROUNDS = 4
@@ -170,14 +171,28 @@ def _move_time_value(
 
 
 def calc_total_sd(part: EffectInstance, sd: float, machine: Machine) -> float:
-    """Return the s.d. of the size of an effect. sd : as fitted.
+    """Return the s.d. of the error of an effect's size, errors of the model included. sd : as
+    fitted.
 
     The tolerance of the nominal value that an effect changes is open together with its size, but
     where it begins within the log: the rows before have the tolerance alone. The resolution of the
     times on which a size depends is added.
     """
     tolerance = find_tolerance(part.id, machine) if part.onset_s is None else 0.0
-    return float(np.sqrt(sd**2 + tolerance**2 + calc_timing_sd(part.id, machine) ** 2))
+    timing = calc_timing_sd(part.id, machine)
+    return SIZE_ERROR * float(np.sqrt(sd**2 + tolerance**2 + timing**2))
+
+
+def calc_excess_sd(part: EffectInstance, sd: float, machine: Machine) -> float:
+    """Return the s.d. of the share of an effect's size that a healthy machine does not have. sd :
+    as fitted.
+
+    A healthy machine may have a size up to its tolerance, or up to its motor's electrical time
+    constant (`calc_equivalent_sd`).
+    """
+    healthy = calc_equivalent_sd(part.id, machine) if part.onset_s is None else 0.0
+    timing = calc_timing_sd(part.id, machine)
+    return SIZE_ERROR * float(np.sqrt(sd**2 + healthy**2 + timing**2))
 
 
 def calc_timing_sd(effect_id: str, machine: Machine) -> float:

@@ -27,6 +27,7 @@ from topdress.control.diagnosis.judgement.prior import (
     MIN_LISTED_PROB,
     MIN_NAMED_PROB,
     SEPARATION_SD,
+    SIZE_ERROR,
     calc_detectable_size,
     calc_log_prior_odds,
 )
@@ -572,7 +573,8 @@ def _number_equal_terms(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
 
 def _make_direct_cause(seen: DirectDetection, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
-    low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
+    half = Z90 * SIZE_ERROR * seen.sd
+    low, high = max(0.0, seen.part.size - half), seen.part.size + half
     size = Size(seen.part.size, low, high, describe_unit(seen.part.id, machine))
     return Cause(
         seen.part.id,

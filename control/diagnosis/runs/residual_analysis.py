@@ -200,7 +200,8 @@ def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, da
     if stage == "scale":
         stage = "flow"
     never = DOWNSTREAM_VARIABLES.get(stage, frozenset()) | UNORDERED_VARIABLES
-    left = make_series(rest * whiten, channel.cut)
+    plain = channel.cut._replace(weights=None)
+    left = make_series(rest * whiten, plain)
     names = [
         name
         for name, values in data.variables.items()
@@ -211,7 +212,7 @@ def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, da
         values = np.interp(channel.grid.even_s, data.time_s, data.variables[name])
         values -= values.mean()
         moved = calc_coefficients(np.cumsum(values) if stage == "flow" else values, channel.cut)
-        by_chance = calc_correlation_p(left, make_series(moved * whiten, channel.cut), best)
+        by_chance = calc_correlation_p(left, make_series(moved * whiten, plain), best)
         if by_chance < best:
             best, found = by_chance, name
     return found
@@ -244,10 +245,11 @@ def depends_on_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: Ru
     ]
     # Sums of the moves between 2^k and 2^(k + 1) samples ago.
     answers = np.diff(np.array(sums), axis=0)
+    plain = channel.cut._replace(weights=None)
     columns = np.array(
-        [make_series(calc_coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
+        [make_series(calc_coefficients(one, channel.cut) * whiten, plain) for one in answers]
     )
-    return calc_fit_p(make_series(rest * whiten, channel.cut), columns) < FALSE_ALARM_PROB
+    return calc_fit_p(make_series(rest * whiten, plain), columns) < FALSE_ALARM_PROB
 
 
 def _delay_series(series: Array, samples: int) -> Array:

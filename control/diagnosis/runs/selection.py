@@ -56,7 +56,7 @@ from .drive_curve import list_multi_effect_hypotheses
 from .drives import measure_zero_offset
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, remove_part, replace_part
 from .model import find_absorbed_effects, find_replaced_nominals
-from .nominal_values import TIMING_FIELDS, calc_total_sd, settle_nominal_values
+from .nominal_values import TIMING_FIELDS, calc_excess_sd, settle_nominal_values
 from .onset import disobeys_after_stop, find_standing_onset, find_stopped_drives, refine_onsets
 from .quantised import find_encoder_steps
 from .robust import limit_outliers
@@ -664,7 +664,7 @@ def _sum_odds(
         place = place._replace(worth=worth)
         if not CATALOGUE[part.id].effect.onset_only and part.id not in absorbed:
             place = place.limit_probability(
-                calc_size_confidence(part.size, calc_total_sd(part, sd, machine))
+                calc_size_confidence(part.size, calc_excess_sd(part, sd, machine))
             )
         places.append(place)
     return tuple(places)

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import convolve1d
+from scipy.ndimage import convolve1d, uniform_filter1d
+from topdress.control.diagnosis.judgement.prior import FAULT_PROB
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speeds import MOVING_MPS
 
@@ -23,6 +24,11 @@ Array = npt.NDArray[np.float64]
 SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))
 # Correlation time of a receiver's or a wheel's noise, s.
 NOISE_MEMORY_S = 0.5
+# Longest delay of a receiver's speed that is looked for, s.
+MAX_DELAY_S = 3.0
+# Window of the means that are subtracted in the search for a delay, s: the longest period of a
+# speed sensor's own noise (`channels.MAX_NOISE_PERIOD_S`).
+DELAY_WINDOW_S = 4.5
 # Minimum number of readings to separate the noise of two sensors: variances to 7 %.
 MIN_PAIRED_READINGS = 400
 # Minimum number of frequencies of an octave; lower frequencies join the first octave that has
@@ -90,7 +96,8 @@ def read_both_speeds(
     wheel_there = wheel[rows]
     going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
-    both = _weight_octaves(gnss[rows], wheel_there / ratio, machine)
+    delay_s = _measure_delay_s(at, gnss[rows], wheel_there / ratio)
+    both = _weight_octaves(np.interp(at + delay_s, at, gnss[rows]), wheel_there / ratio, machine)
     longest = len(both) - 1 + len(both) % 2
     windows = [min(longest, 2 * int(0.5 * one / step) + 1) for one in SPEED_WINDOWS_S]
     alike, ends = int(NOISE_MEMORY_S / step), min(windows[-1] // 2, len(both) // 4)
@@ -115,6 +122,45 @@ def read_both_speeds(
         grid,
         0.0 if more is None else more[rows],
     )
+
+
+def _measure_delay_s(time_s: Array, gnss_mps: Array, wheel_mps: Array) -> float:
+    """Return the most probable delay of the GNSS speed behind the wheel's, s; 0 where no delay is
+    more probable.
+
+    Both sensors have their own noise, so the mean square of (GNSS speed advanced by the delay -
+    wheel speed) is least at the delay. Slow differences (slip) are no delay: means over
+    DELAY_WINDOW_S are subtracted. Readings within NOISE_MEMORY_S count as one.
+
+    Parameters
+    ----------
+    time_s : times of the readings (n,), s.
+    gnss_mps, wheel_mps : speeds, (n,) each.
+    """
+    step_s = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1], step_s)
+    window, longest = max(3, round(DELAY_WINDOW_S / step_s)), round(MAX_DELAY_S / step_s)
+    count = len(even_s) - longest
+    if count < 2 * window:
+        return 0.0
+    gnss, wheel = (
+        one - uniform_filter1d(one, window)
+        for one in (np.interp(even_s, time_s, series) for series in (gnss_mps, wheel_mps))
+    )
+    # Nothing is known within a gap of the log.
+    known = np.diff(time_s)[np.searchsorted(time_s, even_s, side="right") - 1] < FILTER_MEMORY_S
+    # Delays are whole rows: between rows, interpolation would smooth the noise.
+    delayed = range(longest + 1)
+    squares = [np.mean((gnss[k : k + count] - wheel[:count])[known[:count]] ** 2) for k in delayed]
+    independent = known.sum() * step_s / max(step_s, NOISE_MEMORY_S)
+    log_odds = -0.5 * independent * np.log(np.maximum(squares, 1e-12))
+    # The prior of a delay is that of a fault of the speeds, shared over the delays.
+    log_odds[1:] += np.log(FAULT_PROB / max(1, longest))
+    best = int(np.argmax(log_odds))
+    if not 0 < best < longest:
+        return best * step_s
+    before, there, after = squares[best - 1 : best + 2]
+    return float(best + 0.5 * (before - after) / max(before - 2.0 * there + after, 1e-12)) * step_s
 
 
 def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:

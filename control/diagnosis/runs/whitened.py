@@ -104,15 +104,15 @@ class WhitenedResidual:
 
     def make_series(self, channel: ChannelSeries, rows: Array) -> Array:
         """Return the whitened rows of a channel as a series (copies x m,)."""
-        return make_series(rows[self._place[channel.name]], channel.cut)
+        return make_series(rows[self._place[channel.name]], channel.cut._replace(weights=None))
 
     def weigh_residual(self, channel: ChannelSeries) -> Array:
         """Return the residual of a channel times the inverse covariance of its noise: (copies,
         m)."""
-        name = channel.name
-        return make_series(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(
-            channel.copies, -1
-        )
+        scaled = self.left[self._place[channel.name]] * self._scale[channel.name]
+        series = make_series(scaled, channel.cut._replace(weights=None))
+        weights = channel.cut.weights
+        return (series if weights is None else series * weights).reshape(channel.copies, -1)
 
     def whiten(
         self, channel: ChannelSeries, banded: npt.NDArray[Any]
