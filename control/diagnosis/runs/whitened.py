@@ -14,8 +14,7 @@ A temporarily loud block counts as noise; a column that fits such a block still 
 Moves that the model predicts badly make a column's scores differ between blocks more than its
 information allows. The gain is divided by the ratio of block-robust to model variance of its score,
 each summed over the blocks (Kent, Biometrika 69, 1982, 19; Miller and Dunson, JASA 114, 2019, 1113:
-coarsening). The block with the largest gain is left out: an event that no model describes (a hand
-on the machine) lies in a single block.
+coarsening).
 
 A column gains in two ways: by the component that the other columns cannot follow, and by the cost
 that it saves columns with a prior (a tolerance that need not be exceeded). Without the column,
