@@ -463,12 +463,10 @@ def _find_short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, DirectDet
     # Spells too short to be detected are spread over the flow.
     kept += unseen * np.cumsum(flow) / flowed
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
-    against_slopes = _calc_step_gains(left, at[ups], side, gap, sd * level.swell[at[ups]])
-    odds = (
-        min(float(up.sum() - up.max()), float(against_slopes.sum() - against_slopes.max()))
-        - float(down.sum())
-        + find_prior_odds(bridging)
-    )
+    against_none = float(up.sum() - up.max() - down.sum()) + find_prior_odds(bridging)
+    # A loss that depends on a variable is as probable a priori as a bridge.
+    gains = _calc_step_gains(left, at[ups], side, gap, sd * level.swell[at[ups]])
+    odds = -float(np.logaddexp(-against_none, float(gains.max() - gains.sum())))
     sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNDETECTED_SD_SHARE * unseen) / flowed
     return (
         (kept, DirectDetection(bridging, float(sd_share), odds))
