@@ -16,6 +16,7 @@ import pytest
 import topdress.control.diagnosis as entry
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.dataframe_input import read_columns
+from topdress.control.diagnosis.judgement.prior import SIZE_ERROR
 from topdress.control.diagnosis.runs import report
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
@@ -231,4 +232,4 @@ def test_an_interval_holds_the_sizes_that_a_fault_goes_through(begin_percent, en
     [size] = [cause.size for cause in found.causes]
     most_percent = abs(end_percent - begin_percent)
     assert size.low < begin_percent + 0.1 and size.high > end_percent - 0.1
-    assert size.high - size.low < 0.25 + most_percent
+    assert size.high - size.low < SIZE_ERROR * (0.2 + most_percent)

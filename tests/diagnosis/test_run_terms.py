@@ -194,7 +194,7 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     found = diagnosed("shaft_percent slope roll_deg slope=-0.5")
     term = found.terms[0].term
     assert describe_term(term).startswith(
-        "Shaft speed falls by 0.51 % for each deg of roll; seen between -"
+        "Shaft speed falls by 0.5 % for each deg of roll; seen between -"
     )
     assert describe_compensation(term) == "Control corrects for it"
     assert any(describe_term(term) in line for line in summarise_terminal(found))
