@@ -1,7 +1,7 @@
 """Entries of the examination, each one function: `diagnose(data, machine)`.
 
-data : path of log.csv or bench.csv; kind.txt beside it says run or which table. machine : path of
-machine.yaml. The answer is a dictionary:
+data : path of log.csv or bench.csv; kind.txt in its folder says run or which table. machine : path
+of machine.yaml. The answer is a dictionary:
 
     causes    {effect id: probability that it is there}
     none      probability that nothing is wrong

@@ -234,6 +234,8 @@ def test_the_quick_and_the_careful_way_agree(tmp_path: Path, full_row: MakeRow) 
 
 
 def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
+    """Reading takes some seven times as long as the division of the lines into cells; twice as
+    long would be seen."""
     import time
 
     line = RowText().line(full_row(0.0)).split(",", 1)[1]
@@ -243,8 +245,11 @@ def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
         file.writelines(f"{k * 0.05:.3f},{line}" for k in range(60_000))
     read_log(path, only=["shaft_rpm"])  # loads the library
     started = time.process_time()
-    assert len(read_log(path)) == 60_000
-    assert time.process_time() - started < 2.0
+    with path.open() as file:
+        cells = [row.split(",") for row in file]
+    divided = time.process_time()
+    assert len(read_log(path)) == len(cells) - 1 == 60_000
+    assert time.process_time() - divided < 15.0 * (divided - started)
 
 
 def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path) -> None:
