@@ -26,6 +26,6 @@ import time
 
 from topdress.drivers import day_clock
 
-# libraries ask it while they are loaded (logging), where it raises
+# Libraries such as logging read the time while they are loaded. Without a set clock it may raise.
 if not day_clock.is_clock_set():
     time.time = day_clock.read_epoch_s

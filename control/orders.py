@@ -72,15 +72,15 @@ class Do(StrEnum):
     """Names the operator's orders; the comment gives the value that accompanies each."""
 
     READY = "ready"  # off -> ready; held or fault -> ready
-    # ready or held -> working; value True: the button is down, repeated while it is
+    # From ready or held to working. A value of True is repeated while the button is down.
     START = "start"
     HOLD = "hold"  # working -> held
     STOP = "stop"  # any -> off
-    # ready -> calibrating; value: seconds at most; repeated while the button is down
+    # From ready to calibrating, for so many seconds at most; repeated while the button is down.
     CALIBRATE = "calibrate"
     CALIBRATE_SHAFT = "calibrate_shaft"  # while calibrating; value: r/min
     CALIBRATE_OPENING = "calibrate_opening"  # while calibrating; value: mm
-    # hold-to-run button released: calibrating -> ready
+    # From calibrating to ready, when the hold-to-run button is released.
     RELEASE = "release"
     STRATEGY = "strategy"  # value: a Strategy
     SOURCE = "source"  # value: a TargetSource

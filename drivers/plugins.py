@@ -50,7 +50,7 @@ class PluginFault(ValueError):
 
 
 class Plugin(NamedTuple):
-    """Describes a plug-in. `is_a` is the name of its type or `CALLABLE`; `values` holds
+    """Describes a plug-in. `is_a` is the name of its type or `CALLABLE_TYPE`; `values` holds
     its fields."""
 
     name: str

@@ -497,8 +497,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         await asyncio.to_thread(self.services.make_late_services)
         for where in self.pages:
             await asyncio.to_thread(self.pages.import_page, where)
-            # Indexing builds the page here, because Textual widgets belong to the event loop's
-            # thread.
+            # `self.pages[where]` builds the page, here because Textual widgets belong to the thread
+            # of the event loop.
             self.pages[where]
             await asyncio.sleep(PAGE_BUILD_PAUSE_S)
         for module in PRELOADED_MODULES:
@@ -629,7 +629,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if earlier is not None:
             self.alarm_history.add_earlier_records(earlier.alarms)
             self.history.add_earlier_ground(earlier.track)
-            # Earlier ground changes every picture at once.
+            # The ground covered before this console started was added, so all maps are drawn anew.
             self.page.refresh_all_next_tick()
         if self.services.lines is not None:
             self._adopt_stored_lines(

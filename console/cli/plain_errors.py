@@ -53,7 +53,7 @@ def guard_command(command: CommandFunction) -> CommandFunction:
             raise typer.Exit(0) from None
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            # what was given is wrong, as of every command
+            # A file that does not exist is a mistake of the user.
             gone = isinstance(error, FileNotFoundError)
             typer.echo(f"{where}{'no such file' if gone else error.strerror or error}", err=True)
             raise typer.Exit(EXIT_WRONG if gone else EXIT_FAILED) from None

@@ -40,7 +40,8 @@ MAX_DRAWN_SEGMENTS = 4000
 # Percentile of the segments with normal effort, low enough for a job that is clogged most of the
 # time.
 NORMAL_EFFORT_PERCENTILE = 25.0
-# of what a sound drive is off from run to run, by the machine file's tolerance
+# A rise of effort is reported from this many standard deviations on. The machine file's tolerance
+# gives the standard deviation of a sound drive between runs.
 EFFORT_RISE_SD = 2.0
 Values = npt.NDArray[np.float64]
 TARGET_NOTE = (

@@ -188,8 +188,8 @@ def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> 
 
 
 def _read_record_formats(client: Any) -> dict[str, Any]:
-    """Returns, by scheduler and worker, the format of records that its topdress makes; the
-    exception where it has none."""
+    """Returns the record format of the topdress installed on the scheduler and on each worker, by
+    name; the exception where topdress is not installed."""
     asked = (pkgutil.resolve_name, f"{make_record.__module__}:FORMAT")
     answers = {
         f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()

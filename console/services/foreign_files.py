@@ -51,8 +51,8 @@ def _has_time_log(path: Path) -> bool:
 
 
 def is_importable(path: Path) -> bool:
-    """Returns whether `import_file_as_log` would try: a file that the import reads, a task's
-    folder, or an import file."""
+    """Returns whether `import_file_as_log` accepts the path: a data file with a readable suffix, a
+    folder with an ISO 11783 task, or an import file (the YAML that assigns columns)."""
     if path.is_dir():
         return any(file.name.lower() == TASK_FILE_NAME for file in path.iterdir())
     return path.suffix.lower() in READ_SUFFIXES or _is_import_file(path)

@@ -105,7 +105,7 @@ class _FileReporter:
         self._damaged, self._looks, self._grew = 0, 0, False
 
     def report_poll(self, damaged: int, grew: bool) -> None:
-        """Reports changes after each poll of the file, `POLL_S` apart."""
+        """Reports changes after each poll of the file, `LOG_POLL_S` apart."""
         if damaged > self._damaged:
             self._damaged = damaged
             self._tell(
@@ -126,7 +126,8 @@ class _FileReporter:
 
 
 def _split_rows(rows: Columns) -> Iterator[Columns]:
-    """Yields rows that arrived together in steps of `LOOK_S`, as they would have arrived."""
+    """Yields rows that arrived together in steps of `CHECK_INTERVAL_S`, as they would have
+    arrived."""
     import numpy as np
     from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S
 

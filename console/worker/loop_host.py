@@ -2,7 +2,7 @@
 
 Nothing here touches a socket or a disk. Other threads reach the host by three functions or values
 only: `queue_request` (a request with the function that receives the answer), `note_console_heard`
-(an operating console was just heard) and `newest` (the newest frame).
+(an operating console was just heard) and `newest_frame`.
 """
 
 from __future__ import annotations

@@ -63,8 +63,8 @@ def find_side_offset(
 
 
 def is_passed_again(travelled_m: Any, stamp: Any, revisit_m: Any) -> Any:
-    """Tell whether a cell that was covered at `stamp` of the path was left long enough ago to
-    count as covered again."""
+    """Return whether driving over a cell now is a second pass: since the cell was covered, at path
+    length `stamp`, the machine has travelled more than `revisit_m`."""
     return travelled_m - stamp > revisit_m
 
 

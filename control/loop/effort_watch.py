@@ -47,8 +47,8 @@ UNLOADED_SHARE = 0.5
 
 
 class EffortWatch:
-    """Monitors the metering drive's effort. `says` is the present finding; `update` is called once
-    a tick.
+    """Monitors the metering drive's effort. `finding` is the present finding; `update_watch` is
+    called once a tick.
 
     A sudden change is compared with this drive's last minutes; a constant deviation with the
     machine file and its tolerances.

@@ -41,8 +41,8 @@ def make_log_row(
     events: list[str],
     speed_told: str | None,
 ) -> LogRow:
-    """Returns the row of one tick; times count from `started_s`; heads: from `head_ndvi`. A
-    refused GNSS position is left out."""
+    """Returns the row of one tick; times count from `started_s`; heads: index of each head.
+    A refused GNSS position is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
     # An old fix stays in the measurements; the row must not repeat it as new.

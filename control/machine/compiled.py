@@ -147,7 +147,8 @@ def _compile_run(run: Callable[..., Any]) -> StageRun:
 
 
 def compile_stage_run(step: Callable[..., Any], exact: bool = False) -> StageRun:
-    """Returns `over_log.over_log` of a step, compiled."""
+    """Returns the compiled function that runs a step over a log, as `make_stage_run` does
+    interpreted."""
     return allocate_output(compile_function(make_fill(step, exact), makes_arrays=False))
 
 

@@ -1,9 +1,9 @@
 """What must a form of a term define? Its coefficients, its value, its sentence, and its fit.
 `forms` defines the forms.
 
-**In the machine file**: its coefficients and their meaning. **Its value**: `value`, a function that
-is interpreted for a tick and compiled over a log, so it uses plain arithmetic on numbers only. **In
-words**: `find_numbers`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at
+**In the machine file**: its coefficients and their meaning. **Its value**: `calc_value`, a function
+that is interpreted for a tick and compiled over a log, so it uses plain arithmetic on numbers only.
+**In words**: `find_numbers`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at
 several positions and refined from there) and amplitudes, in which it is linear. Its columns are
 sums of series over the rows. Columns of many shapes share few series, so the effect of a series on
 a channel is calculated once. Variables are fitted as z = (x - middle) / spread.

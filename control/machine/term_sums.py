@@ -125,7 +125,7 @@ def sum_over_log(
 ) -> dict[str, Array]:
     """Returns the sums over a log, (rows,) by quantity; quantities without a term are left out.
 
-    values: by the names of `needed`, (rows,) each. Terms without their values add nothing.
+    values: by the names of the variables, (rows,) each. Terms without their values add nothing.
     """
     found: dict[str, Array] = {}
     for term in terms:

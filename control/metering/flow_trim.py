@@ -116,7 +116,7 @@ BLOCKAGE_SD = 3.0
 # Blocks of flow with normal effort before a blockage: a drive that is heavy from its start (cold
 # grease) shows that within some 6 s.
 EASY_EFFORT_BLOCKS = 12
-# A blockage shows in the drive's effort within 4 to 6 s (`MEAN_S` of its watch).
+# A blockage shows in the drive's effort within 4 to 6 s (`EFFORT_MEAN_S` of its watch).
 EFFORT_DELAY_BLOCKS = 7
 # A share with a smaller standard deviation than this, within its limits, is a changed flow.
 KNOWN_SHARE_SD = 0.03
@@ -193,8 +193,8 @@ class _Block(NamedTuple):
 
 
 class FlowTrim:
-    """Trims the flow model of a run by the hopper scale. `update` is called once a tick; `at` is
-    the factor on the model's flow."""
+    """Trims the flow model of a run by the hopper scale. `update_trim` is called once a
+    tick; `find_factor` returns the factor on the model's flow."""
 
     def __init__(
         self,

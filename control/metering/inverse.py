@@ -170,7 +170,7 @@ def find_shaft_command(
 
 
 def _invert_shaft_curve(p: Shaft, settled_rpm: float) -> float:
-    """Returns the forward command of a settled speed (`asked_rpm`), with its curve, dead zone
+    """Returns the forward command, r/min, that settles at a speed, with its curve, dead zone
     and neutral point inverted."""
     if settled_rpm <= 0.0:
         return 0.0

@@ -205,8 +205,8 @@ def apply_bench_order(
     """Returns the set-points after one of `BENCH_ORDERS`. The order is refused unless calibrating,
     and for a value that is not a number of at least 0.
 
-    A number above the drives' limits is accepted and limited by the last check (`limited`); the
-    frame shows the sent set-points.
+    A number above the drives' limits is accepted and limited by the last check (`limit_command`);
+    the frame shows the sent set-points.
     """
     if state is not State.CALIBRATING:
         return setting, Answer(False, make_refusal("not_from_state", state=state.value))

@@ -44,8 +44,8 @@ class DelayedWheel(NamedTuple):
 
 
 class GnssDelay:
-    """Estimates the delay of a receiver's speed. `moved` is called once a tick with a trusted
-    wheel, `epoch` once for each trusted GNSS speed."""
+    """Estimates the delay of a receiver's speed. `record_wheel` is called once a tick with a
+    trusted wheel, `take_epoch` once for each trusted GNSS speed."""
 
     def __init__(self) -> None:
         self._times_s: deque[float] = deque()

@@ -3,10 +3,10 @@
 The innovation is the distance between the place that GNSS reports and the place that dead
 reckoning predicts from the last accepted one. Its square over its variance, the normalised
 innovation squared, has a chi-square distribution with two degrees of freedom for a healthy
-receiver; an epoch beyond `GATE` is refused (Bar-Shalom, Li and Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, section 5.4). Refused epochs that agree with each
-other, by the same gate, are accepted as a new place: the receiver was restarted, the machine was
-transported, or reckoning was wrong.
+receiver; an epoch beyond `GATE_CHI_SQUARE` is refused (Bar-Shalom, Li and Kirubarajan, Estimation
+with Applications to Tracking and Navigation, 2001, section 5.4). Refused epochs that agree with
+each other, by the same gate, are accepted as a new place: the receiver was restarted, the machine
+was transported, or reckoning was wrong.
 
 `walk_watch` finds a place that drifts off although each epoch is near the one before. From then
 on no place is accepted until three agree again with the place before the drift and the way
@@ -81,8 +81,8 @@ class _ReckonedPlace(NamedTuple):
 
 
 class PositionGate:
-    """Accepts or refuses the places of a receiver, in constant time for each epoch. `moved` or
-    `lost` is called once a tick, then `judge_epoch` for a new epoch."""
+    """Accepts or refuses the places of a receiver, in constant time for each epoch. `add_way` or
+    `add_unknown_way` is called once a tick, then `judge_epoch` for a new epoch."""
 
     def __init__(self) -> None:
         self._taken: _ReckonedPlace | None = None

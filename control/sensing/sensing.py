@@ -118,7 +118,7 @@ class SensingLimits:
 
 
 class Sensing:
-    """Chooses speed, place and heading of a run. `update` is called once a tick."""
+    """Chooses speed, place and heading of a run. `sense_motion` is called once a tick."""
 
     def __init__(
         self, antenna_m: float, plane: TangentPlane | None, limits: SensingLimits | None = None

@@ -172,7 +172,7 @@ class _SteadySpeed:
 
 
 class Forecaster:
-    """Forecasts the speed of a run. `update` is called once a tick."""
+    """Forecasts the speed of a run. `forecast_speed` is called once a tick."""
 
     def __init__(self) -> None:
         self._own = _SteadySpeed()

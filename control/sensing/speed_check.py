@@ -4,8 +4,8 @@ GNSS's places?
 Each is integrated to a way and compared with the others over windows of time.
 
 *Wheel and GNSS's speed* differ where the ratio of their ways over 1, 2, 4 or 8 s is outside
-`SLIP`, the limits within which GNSS corrects the wheel: slip (10 %, bursts to 20 %), slopes and
-tyres are within. A GNSS speed arrives up to `SPEED_DELAY_S` late, so GNSS's way is taken over
+`SLIP_RANGE`, the limits within which GNSS corrects the wheel: slip (10 %, bursts to 20 %), slopes
+and tyres are within. A GNSS speed arrives up to `SPEED_DELAY_S` late, so GNSS's way is taken over
 windows that are later than the wheel's by up to as much, and the two differ only where none of
 these fits. `PULSE_NOISE_M` allows for noise and pulses, `LEVER_ARM_M` times the turn for the lever
 arm between antenna and wheel. A factor of 2 or 0.5 is detected within 2 s.
@@ -76,8 +76,8 @@ AGREEMENT_S = {RefusedSpeed.WHEEL: 8.0, RefusedSpeed.GNSS: 60.0, RefusedSpeed.EI
 
 
 class SpeedCheck:
-    """Finds the witness of ground speed that is wrong. `moved` is called once a tick, `epoch`
-    for each new place; an epoch takes constant time."""
+    """Finds the witness of ground speed that is wrong. `record_tick` is called once a tick,
+    `take_epoch` for each new place; an epoch takes constant time."""
 
     def __init__(self) -> None:
         self.doubt: SpeedDoubt | None = None

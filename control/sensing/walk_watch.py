@@ -45,7 +45,7 @@ CREEP_MPS = 0.05
 STANDSTILL_MPS = 0.2
 # Between epochs farther apart than this, s, the course is unknown.
 MAX_EPOCH_GAP_S = 2.0
-# Error of the reckoned way where epochs have no speed, as `position_gate.WAY_SHARE`.
+# Error of the reckoned way where epochs have no speed, as `position_gate.WAY_SD_SHARE`.
 UNKNOWN_WAY_SHARE = 0.25
 
 # Key of binary searches in a list of marks.
@@ -56,7 +56,7 @@ Velocity = tuple[float, float]
 
 class ReckonedWay(NamedTuple):
     """Holds the way by wheel and heading since the beginning. `lost` counts ticks whose heading
-    or speed was unknown. `ratio` and `mps` are the correction factor of the wheel and its
+    or speed was unknown. `ratio` and `wheel_mps` are the correction factor of the wheel and its
     uncorrected reading (`speed_check`)."""
 
     east_m: float
@@ -94,12 +94,13 @@ class Walk(NamedTuple):
 
 
 class WalkWatch:
-    """Detects a drift of places, in constant time for each epoch. `epoch` is called for every
-    epoch, then `find_walk` with its mark, then `keep_mark` where the place is accepted."""
+    """Detects a drift of places, in constant time for each epoch. `record_epoch` is called
+    for every epoch, then `find_walk` with its mark, then `keep_mark` where the place is
+    accepted."""
 
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
-        # Mark of the newest epoch, accepted or not.
+        # Place and reckoned way at the newest GNSS epoch, also if its place was refused.
         self._last: Mark | None = None
 
     @property

@@ -70,7 +70,7 @@ class CanopyField:
         return here
 
     def find_many_ndvi(self, east_m: Array, north_m: Array) -> Array:
-        """Returns the values of `at` for places (n,), (n,) -> (n,), to the last bit."""
+        """Returns the values of `find_ndvi` for places (n,), (n,) -> (n,), to the last bit."""
         x, y = (east_m - self._east0) / CANOPY_CELL_M, (north_m - self._north0) / CANOPY_CELL_M
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v, g = x - i, y - j, self.ndvi
@@ -114,7 +114,7 @@ class HeadRow:
         return [convert_to_ndre(one) for one in ndvi] if self._by_ndre else ndvi
 
     def calc_means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
-        """Returns the mean of `at` for a whole run, (n,) each -> (n,)."""
+        """Returns the mean of `read_heads` for a whole run, (n,) each -> (n,)."""
         headings, which = np.unique(heading_deg, return_inverse=True)
         right, back = (
             np.array([of(radians(heading)) for heading in headings.tolist()])[which]
@@ -129,7 +129,7 @@ class HeadRow:
 
 def _choose_grid(wide_m: float, long_m: float) -> tuple[int, int]:
     """Returns columns and rows for all of the ground; the longer side is cut where there would
-    be more than `MAX_CELLS`."""
+    be more than `MAX_CANOPY_CELLS`."""
     columns, rows = (max(8, int(np.ceil(m / CANOPY_CELL_M))) for m in (wide_m, long_m))
     if columns * rows <= MAX_CANOPY_CELLS:
         return columns, rows

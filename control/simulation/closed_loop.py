@@ -24,9 +24,8 @@ from .plant import Plant, SensorReadings, Truth
 
 
 class MeasurementHold:
-    """Holds the newest readings of the plant's sensors as measurements of the loop, as the
-    # A sensor that is slower than the tick keeps its last reading, as in the drivers.
-    drivers do, without bytes."""
+    """Keeps the newest readings of the plant's sensors for the loop, as the drivers do, but without
+    encoding them as bytes. A sensor slower than the tick keeps its last reading."""
 
     def __init__(self, heads: int) -> None:
         self._now = Measurements(0.0, ndvi=(None,) * heads)

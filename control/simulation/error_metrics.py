@@ -220,7 +220,8 @@ def find_place_errors(
 
     A step is looked for in the material released after its drive answered and before the next
     step could show. Its half-way point is where a step between the two targets fits the landed
-    rate best (`_half_way`): a single noisy bin that touches the middle early does not count."""
+    rate best (`_find_half_way`): a single noisy bin that touches the middle early does not
+    count."""
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
     share = columns.get("open_share")
     falls = find_fall_times_s(columns)

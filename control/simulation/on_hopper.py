@@ -15,8 +15,8 @@ STEP_UP_DELAY_S, STAY_S, STEP_UP_INTERVAL_S = 6.0, 20.0, 40.0
 
 
 class HopperDisturbance:
-    """Simulates the disturbance of the scale. `step` returns its mass, `draw_lot_percent` the flow
-    of the next lot.
+    """Simulates the disturbance of the scale. `advance_disturbance` returns its mass,
+    `draw_lot_percent` the flow of the next lot.
 
     It draws its own numbers: a machine without any disturbance is unchanged."""
 

@@ -80,9 +80,8 @@ class TractorPath:
 
 
 def order_passes(passes: int) -> list[int]:
-    """Returns the order of passes 0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in
-    # Turns between neighbouring passes would be narrower than a tractor can drive.
-    time are three or four widths apart."""
+    """Returns the order of passes 0, 4, 1, 5, 2, 6, 3, 7, then the next block. Successive passes
+    are three or four widths apart, because a tractor cannot turn into the neighbouring pass."""
     order: list[int] = []
     for block in range(0, passes, PASS_BLOCK):
         members = list(range(block, min(block + PASS_BLOCK, passes)))

@@ -61,9 +61,9 @@ NO_DOSE = DueDose(None, ())
 class PlantDoser:
     """Turns plants from a list or a camera into doses.
 
-    `tick` is called after `look`, once a control period. A dose is commanded on the tick nearest
-    to its moment, one at a time. With `learn` measured errors move the threshold; without it
-    stays 0."""
+    `find_due_dose` is called after `look_for_plants`, once a control period. A dose is commanded
+    on the tick nearest to its moment, one at a time. With `learn` measured errors move the
+    threshold; without `learn` the threshold stays 0."""
 
     def __init__(
         self,

@@ -182,7 +182,7 @@ class Prescription:
 
     def has_rate_in(self, field: Boundary) -> bool:
         """Returns whether the map has a rate somewhere in a field, probed on a raster of
-        `PROBES` by `PROBES` places."""
+        `PROBES_PER_SIDE` by `PROBES_PER_SIDE` places."""
         # The raster covers the field's bounding box; places outside the field are skipped.
         west, south, east, north = field.shape.bounds
         places = np.stack(

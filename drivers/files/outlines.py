@@ -131,8 +131,8 @@ def _check_shared_crossings(
     zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str
 ) -> None:
     """Refuses zones whose outlines cross each other too often, because two outlines of a few
-    hundred corners can cross a hundred thousand times. `OVERLAPS` limits zones with few corners.
-    Raises BeyondLimits."""
+    hundred corners can cross a hundred thousand times. `OVERLAPS_LIMIT` limits zones with few
+    corners. Raises BeyondLimits."""
     large = [zone for zone in zones if sum(map(len, zone)) > SMALL_ZONE_CORNERS]
     if len(large) < 2:
         return

@@ -8,9 +8,9 @@ A log row holds values without the times at which they were sampled. These times
 - A value that repeats counts as sampled again every period of its sensor. The period is the lower
   decile of the intervals between changes, and at most half the time for which the loop holds a
   value. A sensor that had fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `HOLDS_S`: the value was sampled
-  that long before, or at its last change if that was later. From then on it remains the newest
-  known value and grows old.
+- Where cells become empty, the loop had held the last value for the time for which control holds it
+(`VALID_FOR`): the value was sampled that long before, or at its last change if that was later. From
+then on it remains the newest known value and grows old.
 """
 
 from __future__ import annotations

@@ -229,8 +229,8 @@ class SeasonLog(NamedTuple):
 
 
 class StackedLogs(NamedTuple):
-    """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a log
-    has no information."""
+    """Logs (n) in the order of machine and time; the last t of q + t columns are tolerances; zeros
+    where a log has no information."""
 
     logs: tuple[SeasonLog, ...]
     # Times in days, (n,).

@@ -177,7 +177,8 @@ def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
     found, through = [], False
     for line in rest:
         if line in ("True", "False"):
-            # Some versions write two such lines before a ring.
+            # Some versions write two True/False lines before a ring, which may be driven through if
+            # either is True.
             through = through or line == "True"
             continue
         found.append((through, _parse_points(path, rest, _parse_point_count(path, line))))

@@ -471,7 +471,8 @@ def _check_map(facts: JobFacts, units: Units) -> tuple[JobCheck, ...]:
 
 
 def _check_machine(facts: JobFacts) -> JobCheck:
-    """Check the machine file: adopted effects, and whether it was calibrated here."""
+    """Return the machine file's row: the corrections adopted from a diagnosis; a warning if the
+    file is still as delivered."""
     label, machine = _("machine"), facts.setup.machine
     name = machine.title or machine.id
     if machine.adopted:
