@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from topdress.control.readings import DriveCommand, GnssFix, SpeedPlan
+from topdress.control.readings import AnnouncedSpeeds, DriveCommand, GnssFix
 from topdress.drivers.board.framing import Receiver, seal_frame
 from topdress.drivers.devices import (
     agopengps,
@@ -33,7 +33,7 @@ from topdress.drivers.devices import (
 from topdress.drivers.devices.board_frames import CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder, HeadFields
 from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.nmea import parse_sentence
 from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
@@ -94,7 +94,7 @@ def nmea_said(data: bytes) -> list[Said]:
         for sentence in line.split(b"$")[1:]:
             try:
                 found.append(parse_sentence(sentence))
-            except (Rejected, Ignored):
+            except (RejectedSentence, IgnoredSentence):
                 continue
     return found
 
@@ -201,7 +201,7 @@ def module_commands(chance: random.Random) -> bytes:
 
 def tractor_line(chance: random.Random) -> bytes:
     return plan_sentence(
-        SpeedPlan(
+        AnnouncedSpeeds(
             0.0,
             ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
             chance.uniform(0.1, 2.0),
@@ -213,7 +213,7 @@ def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
     def said(data: bytes) -> list[Said]:
         try:
             return [decode(data)]
-        except (Rejected, Ignored):
+        except (RejectedSentence, IgnoredSentence):
             return []
 
     return said

@@ -21,7 +21,7 @@ from rig import DT_S, Rig
 from terminals import wait
 from topdress.console.worker.assemble import SimulatedBench
 from topdress.console.worker.loop_host import Host
-from topdress.console.worker.run_parts import Assembly, RunNames
+from topdress.console.worker.run_parts import RunAssembly, RunNames
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.atomic import NewFile
@@ -95,7 +95,7 @@ class Hosted(Rig):
             sync_s=0.0,
         )
         self.host = Host(
-            Assembly(SimulatedBench(self.cab, self.virtual), self.loop, self.writer, RunNames()),
+            RunAssembly(SimulatedBench(self.cab, self.virtual), self.loop, self.writer, RunNames()),
             self.clock,
             lambda s: None,
         )

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from manoeuvres import DT_S, GO, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
 from topdress.control.field.job import Simulated
-from topdress.control.machine.fault_injection import PlantedEffect
+from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Do, Order, Strategy, TargetSource
 from topdress.control.readings import DriveCommand
@@ -44,7 +44,7 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.control.simulation.error_metrics import find_landing, find_place_errors
 from topdress.control.simulation.figures import count_moves
-from topdress.control.simulation.plant import Plant, SensorReadings, Truth
+from topdress.control.simulation.plant import Plant, PlantTruth, SensorReadings
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, Prescription
 from topdress.control.targets.rate_map import GridMap, make_frame_m
@@ -141,7 +141,7 @@ class Drive(NamedTuple):
     drives: str  # name of what differs in drives and flow
     # the tube as control's machine file has it, and how sure that is; none: as shipped
     known: dict[str, Any]
-    planted: list[Any] = []  # `PlantedEffect`: effects that come and go
+    planted: list[Any] = []  # `InjectedEffect`: effects that come and go
     teeth_percent: float = 0.0  # 1 s.d. by which the wheel's teeth are uneven
 
 
@@ -199,7 +199,7 @@ class OtherSenses:
         self._errors = (errors - errors.mean()).tolist()
 
     @property
-    def truth(self) -> Truth | None:
+    def truth(self) -> PlantTruth | None:
         return self.plant.truth
 
     def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
@@ -248,7 +248,7 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
             job,
             what.seed,
             DT_S,
-            [PlantedEffect(*one) for one in what.planted],
+            [InjectedEffect(*one) for one in what.planted],
         ),
         what,
     )

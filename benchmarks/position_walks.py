@@ -25,7 +25,7 @@ import numpy as np
 from topdress.control.geodesy import TangentPlane
 from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.safety import SafetyLimits
-from topdress.control.sensing import Sensed, Sensing
+from topdress.control.sensing import SensedMotion, Sensing
 from topdress.drivers.devices.gnss import GnssDecoder
 from verdict import exit_code
 
@@ -202,7 +202,7 @@ class Believed(NamedTuple):
     said_s: float | None  # after the drift began
 
 
-def held_by(sensed: Sensed) -> bool:
+def held_by(sensed: SensedMotion) -> bool:
     """Whether safety holds work because nothing says which speed is wrong."""
     doubt = sensed.doubt
     return (

@@ -21,7 +21,7 @@ from topdress.control.simulation.assembly import (
     make_control_loop,
     make_plant,
 )
-from topdress.control.simulation.plant import Plant, SensorReadings, Truth
+from topdress.control.simulation.plant import Plant, PlantTruth, SensorReadings
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.canopy_heads import HeadsConfig
@@ -164,7 +164,7 @@ class Rig:
         assert tick.row.state == "working" and (tick.row.applied_rate_kg_ha or 0.0) > 50.0, tick.row
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> PlantTruth:
         assert self.plant.truth is not None
         return self.plant.truth
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from topdress.console.attached import AttachedConsole, ExecutedOrder
-from topdress.control.agronomy.reference_strips import Strips
+from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, SectionState
@@ -72,7 +72,7 @@ class LagTestView(NamedTuple):
     table_path: str = ""
 
 
-class Tally(NamedTuple):
+class JobCounts(NamedTuple):
     """Holds counts of a job, including its parts before a power cut."""
 
     held_s: float = 0.0
@@ -147,7 +147,7 @@ class Frame:
     # NDVI of every head from left to right; None for a silent head.
     head_ndvi: tuple[float | None, ...] = ()
     lag_test: LagTestView | None = None
-    tally: Tally | None = None
+    tally: JobCounts | None = None
     # Calibration run: set-points as sent, elapsed and remaining seconds; None in other states.
     bench: BenchRun | None = None
     # Whether ground that already has its material gets no more.
@@ -157,7 +157,7 @@ class Frame:
     # States of the sections from left to right; empty for a machine without valves.
     sections: tuple[SectionState, ...] = ()
     # Present values of the N-rich strip and the farmer check.
-    strips: Strips = field(default_factory=Strips)
+    strips: ReferenceStrips = field(default_factory=ReferenceStrips)
     # Sources of the target that the job has; empty without a job.
     sources: tuple[str, ...] = ()
     # Rate of each of `sources` at this place without the nudge, kg/ha; None for single doses; empty

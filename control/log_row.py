@@ -20,7 +20,7 @@ VALID_FOR_S = MappingProxyType({name: times.log_s for name, times in VALID_FOR.i
 # Time for which a row keeps all values of a GNSS epoch, s.
 GNSS_VALID_FOR_S = VALID_FOR_S["lat_deg"]
 # This event says that from here on each command is in force until the next row.
-COMMANDS_HELD = "commands_held"
+COMMANDS_HELD_EVENT = "commands_held"
 # These events, followed by a name, mark the first row of each file of a joined log.
 FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "
 

@@ -105,7 +105,7 @@ class Do(StrEnum):
     NO_DOUBLE = "no_double"
     # value: "2 off", "2 auto" or "all auto"; sections count from 1, left to right
     SECTION = "section"
-    # value: a strip as measured, as `agronomy.strips.StripValue.event_text` says it; `none`
+    # value: a strip as measured, as `StripMean.event_text` says it; `none`
     STRIP = "strip"
     # value: m, measured behind the machine on the newest doses; late is positive
     DOSE_ERROR = "dose_error"
@@ -128,13 +128,13 @@ class Answer(NamedTuple):
 
 class SectionState(NamedTuple):
     """Holds the state of one section of a machine with valves. `why` is the reason of its
-    closing, one of `WHY_CLOSED`; empty where it is open."""
+    closing, one of `SECTION_CLOSED_REASONS`; empty where it is open."""
 
     open: bool
     why: str = ""
 
 
-WHY_CLOSED = ("outside", "headland", "done", "map", "hand", "no_flow")
+SECTION_CLOSED_REASONS = ("outside", "headland", "done", "map", "hand", "no_flow")
 
 
 class Alarm(NamedTuple):

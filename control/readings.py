@@ -43,7 +43,7 @@ class GnssFix(NamedTuple):
     utc: str | None = None
 
 
-class PlantSeen(NamedTuple):
+class CameraPlant(NamedTuple):
     """Holds a plant in a camera's picture: its distance ahead of the outlet when the picture was
     taken, m."""
 
@@ -51,7 +51,7 @@ class PlantSeen(NamedTuple):
     ahead_m: float
 
 
-class ValvesSeen(NamedTuple):
+class ValvePositions(NamedTuple):
     """Holds the positions of the section valves by their own switches, left to right."""
 
     time_s: float
@@ -95,13 +95,13 @@ class Measurements(NamedTuple):
     # Name of the log in which the run continues after the one before was cut short.
     log_cut: str = ""
     # Plants in the pictures that arrived since the tick before (point mode).
-    plants: tuple[PlantSeen, ...] = ()
+    plants: tuple[CameraPlant, ...] = ()
     # The newest announced speed.
-    speed_told: SpeedPlan | None = None
+    speed_told: AnnouncedSpeeds | None = None
     # Index that the heads measure: ndvi or ndre.
     canopy_index: str = "ndvi"
     # None: there are no valves, or the board does not report them.
-    valves: ValvesSeen | None = None
+    valves: ValvePositions | None = None
     # Efforts are in the machine file's unit.
     shaft_effort: Reading | None = None
     gate_effort: Reading | None = None
@@ -111,7 +111,7 @@ class Measurements(NamedTuple):
     rate_applied: Annotated[Reading | None, OUTSIDE_RATE] = None
 
 
-class SpeedPlan(NamedTuple):
+class AnnouncedSpeeds(NamedTuple):
     """Holds the speeds that the tractor, or the planner of its way, announces as its targets.
 
     points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds.
@@ -122,7 +122,7 @@ class SpeedPlan(NamedTuple):
     acceleration_mps2: float = 0.5
 
 
-def describe_announcement(announced: SpeedPlan, now_s: float) -> str:
+def describe_announcement(announced: AnnouncedSpeeds, now_s: float) -> str:
     """Returns the words of a log's row: age in s, acceleration in m/s2, then pairs of seconds
     after the announcement and m/s. A point with the speed of the one before is left out."""
     points = [
@@ -142,7 +142,7 @@ def describe_announcement(announced: SpeedPlan, now_s: float) -> str:
     )
 
 
-def parse_announcement(text: str, now_s: float) -> SpeedPlan | None:
+def parse_announcement(text: str, now_s: float) -> AnnouncedSpeeds | None:
     """Reads what `describe_announcement` writes, in a row of the time `now_s`; None where the text
     is malformed."""
     try:
@@ -151,7 +151,7 @@ def parse_announcement(text: str, now_s: float) -> SpeedPlan | None:
         return None
     if len(numbers) < 4 or len(numbers) % 2:
         return None
-    announced = SpeedPlan(
+    announced = AnnouncedSpeeds(
         now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1]
     )
     return announced if is_announceable(announced) else None
@@ -243,7 +243,7 @@ def drop_impossible(m: Measurements) -> Measurements:
     return m._replace(**unknown) if unknown else m
 
 
-def is_announceable(announced: SpeedPlan) -> bool:
+def is_announceable(announced: AnnouncedSpeeds) -> bool:
     """Returns whether these are speeds of a spreader at times that rise from now on."""
     times = [in_s for in_s, _ in announced.points]
     return (

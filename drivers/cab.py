@@ -15,7 +15,7 @@ from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.board_frames import TURNED_REQUEST, ShaftTurned
 from topdress.drivers.devices.device import OpenLine
 from topdress.drivers.devices.lag_rig import RigReadings
-from topdress.drivers.devices.point_dose import GivenDose
+from topdress.drivers.devices.point_dose import DoseProgress
 from topdress.drivers.devices.registry import list_devices
 from topdress.drivers.devices.slave_board import BoardReadings
 from topdress.drivers.ports import Clock, Port
@@ -124,7 +124,7 @@ class Cab:
             self._dose_waits = None
             self.dropped_doses += 1
 
-    def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
+    def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> DoseProgress | None:
         """Sends one dose of a point applicator; returns None for a machine without a board.
 
         The result of the dose is in `dose` of every later measurement.
@@ -142,11 +142,11 @@ class Cab:
             return None
         board = self._drives.decoder
         self._drives.line.write_bytes(now_s, board.give_dose(angle_deg, shaft_rpm, now_s))
-        given: GivenDose | None = board.dose.newest
+        given: DoseProgress | None = board.dose.newest
         return given
 
     @property
-    def find_newest_dose(self) -> GivenDose | None:
+    def find_newest_dose(self) -> DoseProgress | None:
         """Returns the newest dose with its state; None before the first dose."""
         return self._drives.decoder.dose.newest if self._drives else None
 

@@ -440,13 +440,13 @@ def machine_text(case: Case, log: Path) -> str:
     suggests."""
     s = case.sheet
     if not s:
-        from topdress.console.cli.machine import DrivenPart, format_machine_file
+        from topdress.console.cli.machine import DriveTarget, format_machine_file
         from topdress.control.calibration.first_machine import suggest_machine
         from topdress.drivers.files.any_log import open_any_log
 
         made = suggest_machine(dict(open_any_log(log).columns))
         made = made._replace(tau_s=made.tau_s or 0.05, both_ways=True)
-        return format_machine_file(made, DrivenPart.PUMP, "suggested")
+        return format_machine_file(made, DriveTarget.PUMP, "suggested")
     if case.stage == "gate":
         return yaml.safe_dump(
             {

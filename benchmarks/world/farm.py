@@ -17,7 +17,7 @@ from topdress.control.field.job import Simulated
 from topdress.control.orders import State
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.assembly import make_plant
-from topdress.control.simulation.plant import Plant, SensorReadings, Truth
+from topdress.control.simulation.plant import Plant, PlantTruth, SensorReadings
 from topdress.control.simulation.tractor import make_field_boundary
 from topdress.drivers.devices.rate_line import make_target_sentence
 from topdress.drivers.files.setup import Setup, load_setup
@@ -100,14 +100,14 @@ class GroundTruth:
         self.kg = 0.0
         self.flow_kg_s = 0.0
         self.speed_mps = 0.0
-        self.newest: Truth | None = None
+        self.newest: PlantTruth | None = None
         # Mass that landed in each bin of the outlets' way, by the part of the day, kg.
         self.bins: dict[int, dict[int, float]] = {}
         self.part = 0
         self.tray = False
         self.drop_s = 0.0
 
-    def take_truth(self, truth: Truth) -> None:
+    def take_truth(self, truth: PlantTruth) -> None:
         """Adds one step of the plant."""
         self.newest = truth
         self.flow_kg_s, self.speed_mps = truth.flow_kg_s, truth.speed_mps
@@ -140,7 +140,7 @@ class LyingPlant:
         self.in_pass = True
 
     @property
-    def truth(self) -> Truth | None:
+    def truth(self) -> PlantTruth | None:
         """Truth of the last step."""
         return self.plant.truth
 

@@ -23,7 +23,7 @@ from topdress.console import fast_imports
 from topdress.console.app import actions, frame_words, key_normaliser, themes
 from topdress.console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
 from topdress.console.app.alarms import AlarmBell
-from topdress.console.app.attach_notice import JoinedMachine, describe_attachment
+from topdress.console.app.attach_notice import JoinedMachineFacts, describe_attachment
 from topdress.console.app.common_keys import ACTIONS
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from topdress.console.app.dose_change_check import predict_dose_change
@@ -34,7 +34,7 @@ from topdress.console.app.first_question import (
     restart_worker,
 )
 from topdress.console.app.guide_line import GuideLine
-from topdress.console.app.guide_line_store import KeptLines, make_line_record
+from topdress.console.app.guide_line_store import StoredLines, make_line_record
 from topdress.console.app.guided_tour import Tour
 from topdress.console.app.history import LiveHistory
 from topdress.console.app.name_dialog import NameDialog
@@ -172,7 +172,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         live: bool = True,
         services: Services | None = None,
         tour: bool = False,
-        joined: JoinedMachine | None = None,
+        joined: JoinedMachineFacts | None = None,
         ask_job: bool = False,
     ) -> None:
         # Textual's constructor already asks for the line filters, so this filter exists first.
@@ -553,7 +553,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                 )
             )
 
-    def _show_joined(self, joined: JoinedMachine, found: str, frame: Frame) -> None:
+    def _show_joined(self, joined: JoinedMachineFacts, found: str, frame: Frame) -> None:
         """Show the joined machine's files. If this command line names other files, offer to replace
         that machine."""
         heading = _("A machine runs already: this console has joined it")
@@ -579,7 +579,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             lambda which: self._use_named_files(joined) if which == "mine" else None,
         )
 
-    def _use_named_files(self, joined: JoinedMachine) -> None:
+    def _use_named_files(self, joined: JoinedMachineFacts) -> None:
         """Restart the worker with the files of this console's command line."""
         if self.services.job is not None:
             self.joined = None
@@ -653,7 +653,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if files is not None and frame is not None and frame.log_path:
             files.append_record(frame.log_path, record)
 
-    def _adopt_stored_lines(self, kept: KeptLines) -> None:
+    def _adopt_stored_lines(self, kept: StoredLines) -> None:
         """Adopt the stored lines of this log. If the log has none, store this console's line."""
         if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
@@ -915,7 +915,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         try:
             self.source = await connect()
             if connect is self.attach:
-                self.joined = JoinedMachine()
+                self.joined = JoinedMachineFacts()
                 self.show_notice(_("joined the machine that runs already"))
             else:
                 self.joined = None

@@ -11,7 +11,7 @@ from topdress.console.app.panel_views import format_local_time
 from topdress.console.locale import _
 
 
-class JoinedMachine(NamedTuple):
+class JoinedMachineFacts(NamedTuple):
     """Describes the machine that this console has joined.
 
     Attributes
@@ -39,7 +39,7 @@ class JoinedMachine(NamedTuple):
     named: tuple[str, ...] = ()
 
 
-def describe_attachment(joined: JoinedMachine, utc_offset_s: float) -> str:
+def describe_attachment(joined: JoinedMachineFacts, utc_offset_s: float) -> str:
     """Return the text that the operator reads first on a console that joined a machine."""
     since = format_local_time(joined.started_utc, utc_offset_s)[:5] or "--"
     lines = [

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.coverage_raster import Box
+from topdress.console.app.coverage_raster import GroundBox
 
 Floats = npt.NDArray[np.float64]
 # Sizes of a pixel in metres that zooming offers; round values keep the scale bar readable.
@@ -133,7 +133,7 @@ class MapCamera(NamedTuple):
         return self if inside else self._replace(east_m=place[0], north_m=place[1])
 
 
-def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> MapCamera:
+def fit_box(box: GroundBox | None, columns: int, rows: int, snug: bool = False) -> MapCamera:
     """Return the camera that shows a whole box on columns x rows pixels.
 
     Parameters
@@ -147,7 +147,7 @@ def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> Map
         changes the scale.
     """
     # The margin of two pixels on each side keeps the outline visible.
-    box, edge = box or Box(0.0, 0.0, 0.0, 0.0), 1 if snug else 4
+    box, edge = box or GroundBox(0.0, 0.0, 0.0, 0.0), 1 if snug else 4
     need = max(
         (box.east_m - box.west_m) / max(1, columns - edge),
         (box.north_m - box.south_m) / max(1, rows - edge),
@@ -157,10 +157,10 @@ def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> Map
     return MapCamera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
 
 
-def unite_boxes(*boxes: Box | None) -> Box | None:
+def unite_boxes(*boxes: GroundBox | None) -> GroundBox | None:
     """Return the smallest box that contains all given boxes, or None without a box."""
     known = [box for box in boxes if box is not None]
     if not known:
         return None
     wests, souths, easts, norths = zip(*known, strict=True)
-    return Box(min(wests), min(souths), max(easts), max(norths))
+    return GroundBox(min(wests), min(souths), max(easts), max(norths))

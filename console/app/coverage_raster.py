@@ -53,13 +53,14 @@ MAX_JOINED_STEP_M = 12.0
 MAX_TILES = 1_400
 # Cells along a side of a tile.
 _TILE_SIDE_CELLS = 32
-# Value of `Spot.open_bits` for all sections open: the two's complement of -1 has every bit set.
+# Value of `OutletSpot.open_bits` for all sections open: the two's complement of -1 has every bit
+# set.
 ALL_SECTIONS_OPEN = -1.0
 # Number of bits that a float64 represents exactly; the bits travel in an array of floats.
 MAX_SECTION_BITS = 52
 
 
-class Spot(NamedTuple):
+class OutletSpot(NamedTuple):
     """Holds the state of the outlets at one position, m east and north of the field's origin;
     unknown numbers are NaN."""
 
@@ -75,7 +76,7 @@ class Spot(NamedTuple):
     way_m: float = 0.0
 
 
-def make_spot(frame: Frame) -> Spot | None:
+def make_spot(frame: Frame) -> OutletSpot | None:
     """Return the spot of a frame, or None without a position.
 
     Rates count only where the machine worked, because a machine on hold has no target to fulfil.
@@ -96,7 +97,7 @@ def make_spot(frame: Frame) -> Spot | None:
     def replace_unknown(value: float | None) -> float:
         return float("nan") if value is None else value
 
-    return Spot(
+    return OutletSpot(
         frame.place_m[0],
         frame.place_m[1],
         replace_unknown(row.heading_deg),
@@ -121,7 +122,7 @@ def parse_open_bits(sections_cmd: str | None) -> float:
     )
 
 
-class Box(NamedTuple):
+class GroundBox(NamedTuple):
     """Holds the sides of a rectangle, m."""
 
     west_m: float
@@ -157,7 +158,7 @@ class WorkedGround:
         self.version = 0
         self.cells_m: tuple[float, ...] = CELL_SIZES_M
         # Bounding box of the middle of the outlets.
-        self.box: Box | None = None
+        self.box: GroundBox | None = None
         # Half of the working width: ground beyond the box that is also covered, m.
         self.half_width_m = 0.0
         # Lowest and highest applied or target rate, kg/ha.
@@ -170,16 +171,16 @@ class WorkedGround:
         self._changed_tiles: dict[float, set[tuple[int, int]]] = {
             cell: set() for cell in CELL_SIZES_M
         }
-        self._last: Spot | None = None
+        self._last: OutletSpot | None = None
         self._way_m = 0.0
-        self.trail: deque[Spot] = deque(maxlen=MAX_TRAIL_SPOTS)
+        self.trail: deque[OutletSpot] = deque(maxlen=MAX_TRAIL_SPOTS)
 
     @property
     def tile_count(self) -> int:
         """Number of tiles of all cell sizes."""
         return sum(len(tiles) for tiles in self._tiles.values())
 
-    def add_spots(self, spots: Sequence[Spot]) -> None:
+    def add_spots(self, spots: Sequence[OutletSpot]) -> None:
         """Add spots in driving order. A spot closer than `MIN_SPOT_STEP_M` to the former spot is
         ignored."""
         ways = list(self._find_new_ways(spots))
@@ -191,12 +192,12 @@ class WorkedGround:
             [way for way in ways if way.joined], SAMPLE_SPACING_CELLS * self.cells_m[0]
         )
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(
-            -1, len(Spot._fields)
+            -1, len(OutletSpot._fields)
         )
         laid = np.concatenate((along, points))
         # Restore driving order, which the count of passes needs.
         laid = laid[np.argsort(laid[:, -1], kind="stable")]
-        self.trail.extend(Spot(*row) for row in laid[-MAX_TRAIL_SPOTS:].tolist())
+        self.trail.extend(OutletSpot(*row) for row in laid[-MAX_TRAIL_SPOTS:].tolist())
         self._widen_box(laid)
         # Passages count along the middle only, once per sample, whatever the working width.
         middle = np.full((len(laid), 2 + CELL_KIND_COUNT + 1), np.nan)
@@ -208,7 +209,7 @@ class WorkedGround:
             del self._tiles[self.cells_m[0]], self._changed_tiles[self.cells_m[0]]
             self.cells_m = self.cells_m[1:]
 
-    def add_earlier_spots(self, spots: Sequence[Spot]) -> None:
+    def add_earlier_spots(self, spots: Sequence[OutletSpot]) -> None:
         """Add spots that precede those already added. Later calls of `add_spots` continue from the
         newest spot."""
         (last, self._last), (trail, self.trail) = (
@@ -272,12 +273,12 @@ class WorkedGround:
     def list_trail_places(self) -> Floats:
         """Return east and north of the ground that the trail covers, m; shape (positions, 2), about
         one position per finest cell."""
-        laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
+        laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(OutletSpot._fields))
         return self._make_swath(laid, self._list_offsets_m())[0].reshape(-1, 2)
 
     # The following methods are private to the raster.
 
-    def _find_new_ways(self, spots: Sequence[Spot]) -> Iterator[_SpotWay]:
+    def _find_new_ways(self, spots: Sequence[OutletSpot]) -> Iterator[_SpotWay]:
         """Yield the way from the last spot to each spot that is far enough from it, and whether
         both are connected."""
         for spot in spots:
@@ -308,9 +309,9 @@ class WorkedGround:
             laid[:, :2].min(axis=0).tolist(),
             laid[:, :2].max(axis=0).tolist(),
         )
-        old = self.box or Box(west, south, east, north)
+        old = self.box or GroundBox(west, south, east, north)
         self.half_width_m = max(self.half_width_m, 0.5 * self.width_m)
-        self.box = Box(
+        self.box = GroundBox(
             min(old.west_m, west),
             min(old.south_m, south),
             max(old.east_m, east),
@@ -451,8 +452,8 @@ class WorkedGround:
 class _SpotWay(NamedTuple):
     """Holds the way between two successive spots; `joined` is False across a gap."""
 
-    begin: Spot
-    end: Spot
+    begin: OutletSpot
+    end: OutletSpot
     joined: bool
 
 
@@ -469,10 +470,10 @@ def _interpolate_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
     Returns
     -------
     ndarray
-        Values of `Spot`, one row per interpolated spot.
+        Values of `OutletSpot`, one row per interpolated spot.
     """
     if not ways:
-        return np.zeros((0, len(Spot._fields)))
+        return np.zeros((0, len(OutletSpot._fields)))
     begin = np.array([way.begin for way in ways], dtype=np.float64)
     end = np.array([way.end for way in ways], dtype=np.float64)
     count = np.maximum(1, np.ceil(np.hypot(*(end - begin)[:, :2].T) / step_m)).astype(np.int64)

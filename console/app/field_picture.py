@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from topdress.console.app.camera import PixelGrid
-from topdress.console.app.coverage_raster import Box
+from topdress.console.app.coverage_raster import GroundBox
 
 Rates = npt.NDArray[np.float32]
 Ring = tuple[tuple[float, float], ...]
@@ -27,10 +27,10 @@ class PlannedRates:
     rate_kg_ha: Rates
 
     @property
-    def box(self) -> Box:
+    def box(self) -> GroundBox:
         """Bounding box of the raster."""
         rows, columns = self.rate_kg_ha.shape
-        return Box(
+        return GroundBox(
             self.west_m,
             self.south_m,
             self.west_m + columns * self.cell_m,
@@ -101,10 +101,10 @@ class FieldPicture:
     sections: tuple[float, ...] = ()
 
     @property
-    def box(self) -> Box | None:
+    def box(self) -> GroundBox | None:
         """Bounding box of the outline, else of the plan."""
         places = [place for ring in self.rings_m for place in ring]
         if not places:
             return None if self.planned is None else self.planned.box
         easts, norths = zip(*places, strict=True)
-        return Box(min(easts), min(norths), max(easts), max(norths))
+        return GroundBox(min(easts), min(norths), max(easts), max(norths))

@@ -15,7 +15,7 @@ from topdress.console.app.boundary_drive import BoundaryDrive, Corner
 from topdress.console.app.guide_line import GuideLine, Place
 
 
-class KeptLines(NamedTuple):
+class StoredLines(NamedTuple):
     """Holds the stored lines of a log.
 
     Attributes
@@ -66,10 +66,10 @@ def make_corner_record(corner: Corner, place: Place, time_s: float) -> str:
     return json.dumps({"corner": corner, "place_m": place, "time_s": time_s})
 
 
-def read_kept_lines(records: Iterable[str]) -> KeptLines:
+def read_kept_lines(records: Iterable[str]) -> StoredLines:
     """Return the lines that result from records; damaged records are ignored."""
     # Records are applied in the order of the file.
-    kept = KeptLines(GuideLine())
+    kept = StoredLines(GuideLine())
     for record in records:
         try:
             kept = _apply_record(kept, json.loads(record))
@@ -78,7 +78,7 @@ def read_kept_lines(records: Iterable[str]) -> KeptLines:
     return kept
 
 
-def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
+def _apply_record(kept: StoredLines, said: dict[str, Any]) -> StoredLines:
     """Apply one record to the lines. Raises ValueError, TypeError or KeyError for a damaged
     record."""
     # The key of a record is its kind.
@@ -98,8 +98,8 @@ def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
         drive = said["drive"]
         # The end of a drive also removes its way.
         if drive is None:
-            return KeptLines(kept.guide, changed=kept.changed)
-        return KeptLines(
+            return StoredLines(kept.guide, changed=kept.changed)
+        return StoredLines(
             kept.guide,
             BoundaryDrive(float(drive["right_m"])),
             (),

@@ -17,7 +17,7 @@ MIN_FLOWING_KG_HA = 1.0
 STEP_READING_TIME_S = 8.0
 
 
-class TourSeen(NamedTuple):
+class TourStepInput(NamedTuple):
     """Holds the input of a step. `began` is the frame at which the step began; `lasted_s` is the
     time since then."""
 
@@ -36,7 +36,7 @@ class TourStep(NamedTuple):
     """Holds the text of a step and the condition that finishes it."""
 
     text: str
-    done: Callable[[TourSeen], bool]
+    done: Callable[[TourStepInput], bool]
 
 
 TOUR_STEPS = (
@@ -107,7 +107,7 @@ class Tour:
         if self._began is None:
             self._began = frame, now_s
         began, began_s = self._began
-        if self.steps[self.index].done(TourSeen(frame, began, where, now_s - began_s)):
+        if self.steps[self.index].done(TourStepInput(frame, began, where, now_s - began_s)):
             self.skip_step()
 
     def skip_step(self) -> None:

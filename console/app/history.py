@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from topdress.console.app.coverage_raster import Spot, WorkedGround, make_spot
+from topdress.console.app.coverage_raster import OutletSpot, WorkedGround, make_spot
 from topdress.console.app.panel_views import find_applied_kg_ha
 from topdress.console.app.series import LogSeries, SeriesPyramid
 from topdress.console.frame import Frame
@@ -64,7 +64,7 @@ class LiveHistory:
             East m, north m, heading degrees and applied kg/ha, in driving order.
         """
         unknown = float("nan")
-        self.worked.add_earlier_spots([Spot(*place, unknown, unknown) for place in places])
+        self.worked.add_earlier_spots([OutletSpot(*place, unknown, unknown) for place in places])
 
     def list_recent_points(self, span_s: float = TREND_SPAN_S) -> tuple[TrendPoint, ...]:
         """Return the points of the last `span_s` seconds."""

@@ -14,7 +14,7 @@ from collections.abc import Set
 # This key stops the machine whatever the keymap contains, even where a text field has the focus.
 STOP_KEY = "f12"
 # The key bar prints arrow keys as < and >, so these characters act as arrows.
-_SAME_KEYS = {
+_KEY_OF_SYNONYM = {
     "less_than_sign": "left",
     "greater_than_sign": "right",
     # Terminals send Ctrl+Space as ctrl+@.
@@ -42,7 +42,7 @@ def normalise_key(key: str, bound: Set[str], urgent: Set[str]) -> str:
         Keys of hold and STOP, which are accepted with any modifier and, for X, from other layouts.
     """
     *held, last = key.split("+")
-    last = _SAME_KEYS.get(last, last) if last != "@" or held else last
+    last = _KEY_OF_SYNONYM.get(last, last) if last != "@" or held else last
     # STOP precedes the keymap: no binding can take its key.
     if last == STOP_KEY:
         return last

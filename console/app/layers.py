@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.panel_views import ERROR_BAR_SHARE
+from topdress.console.app.panel_views import ERROR_BAR_END_SHARE
 from topdress.console.app.units import Units
 from topdress.console.locale import N_
 from topdress.console.scale import (
@@ -116,7 +116,7 @@ def find_colour_scale(
         ground worked so far.
     """
     if layer is MapLayer.ERROR:
-        return LayerScale(layer, -ERROR_BAR_SHARE, ERROR_BAR_SHARE, 100.0, 0, "%")
+        return LayerScale(layer, -ERROR_BAR_END_SHARE, ERROR_BAR_END_SHARE, 100.0, 0, "%")
     if layer is MapLayer.PASSES:
         return LayerScale(layer, *PASSES_RANGE, 1.0, 0, "x")
     if layer is MapLayer.NDVI:

@@ -26,14 +26,14 @@ MAX_FRESH_AGE_S = 1.0
 # huge.
 MIN_ERROR_REFERENCE_KG_HA = 50.0
 # Rate errors beyond these shares are amber or red on the screen.
-AMBER_ERROR_SHARE = 0.10
-RED_ERROR_SHARE = 0.20
+AMBER_RATE_ERROR_SHARE = 0.10
+RED_RATE_ERROR_SHARE = 0.20
 LAG_NOTE_ID = "lag_out_of_range"
 # Prefixes of notes about the ground ahead and the required flow. They are shown while working only,
 # because otherwise no flow is required.
 WORK_NOTE_PREFIXES = ("already_spread", "on_headland", "zero_", "limited_")
 # Share at the ends of the error bar.
-ERROR_BAR_SHARE = 0.30
+ERROR_BAR_END_SHARE = 0.30
 # A shaft below this speed, r/min, counts as standing; the same limit as in safety.
 MAX_STANDING_RPM = SafetyLimits().shaft_stands_rpm
 
@@ -42,7 +42,7 @@ MAX_STANDING_RPM = SafetyLimits().shaft_stands_rpm
 RUN_SIGNALS = {name: one for name, one in SIGNALS.items() if one.is_on_run}
 
 
-class ShownText(NamedTuple):
+class AgedText(NamedTuple):
     """Holds a text, and whether its value is stale."""
 
     text: str
@@ -103,11 +103,11 @@ class AlarmsView(NamedTuple):
 class RatesView(NamedTuple):
     """Holds target and applied rate."""
 
-    target: ShownText
-    applied: ShownText
+    target: AgedText
+    applied: AgedText
     unit: str
     nudge: str
-    error: ShownText
+    error: AgedText
     # Error as a share of the bar, -1 to 1.
     error_share: float | None
     # "", amber or red.
@@ -121,7 +121,7 @@ class TileView(NamedTuple):
 
     label: str
     unit: str
-    value: ShownText
+    value: AgedText
     below: str
     level: str = ""
     # Shorter form of `below` for a narrow tile.
@@ -140,7 +140,7 @@ class HeadView(NamedTuple):
 class HeadsView(NamedTuple):
     """Holds the canopy heads."""
 
-    fused: ShownText
+    fused: AgedText
     heads: tuple[HeadView, ...]
     valid: str
 
@@ -149,7 +149,7 @@ class ItemView(NamedTuple):
     """Holds a label and its value."""
 
     label: str
-    value: ShownText
+    value: AgedText
 
 
 class RunView(NamedTuple):
@@ -247,7 +247,7 @@ def make_run_view(
 
 def _make_empty_view(units: Units, marks: tuple[str, ...]) -> RunView:
     """Return the view before the first frame."""
-    blank = ShownText("--", True)
+    blank = AgedText("--", True)
     status = StatusView(
         "", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", ""
     )
@@ -370,16 +370,16 @@ def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
     at_work = row.state in (None, "working")
     error = find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
-    if error is not None and abs(error) > AMBER_ERROR_SHARE:
-        level = "red" if abs(error) > RED_ERROR_SHARE else "amber"
+    if error is not None and abs(error) > AMBER_RATE_ERROR_SHARE:
+        level = "red" if abs(error) > RED_RATE_ERROR_SHARE else "amber"
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
     return RatesView(
-        ShownText(units.rate.format_value(row.target_rate_kg_ha), old),
-        ShownText(units.rate.format_value(find_applied_kg_ha(row)), old),
+        AgedText(units.rate.format_value(row.target_rate_kg_ha), old),
+        AgedText(units.rate.format_value(find_applied_kg_ha(row)), old),
         units.rate.name,
         nudge,
-        ShownText("--" if error is None else format_signed_percent(100 * error), old),
-        None if error is None else round(max(-1.0, min(1.0, error / ERROR_BAR_SHARE)), 2),
+        AgedText("--" if error is None else format_signed_percent(100 * error), old),
+        None if error is None else round(max(-1.0, min(1.0, error / ERROR_BAR_END_SHARE)), 2),
         level,
         explain_rate(frame),
     )
@@ -438,10 +438,10 @@ def _make_tiles(frame: Frame, old: bool, units: Units) -> tuple[TileView, ...]:
         hopper_below,
     )
     values = (
-        ShownText(units.speed.format_value(speed_mps), old),
-        ShownText(units.shaft.format_value(row.shaft_rpm), board_old),
-        ShownText(units.opening.format_value(row.opening_mm), board_old),
-        ShownText(units.mass.format_value(row.hopper_kg), board_old),
+        AgedText(units.speed.format_value(speed_mps), old),
+        AgedText(units.shaft.format_value(row.shaft_rpm), board_old),
+        AgedText(units.opening.format_value(row.opening_mm), board_old),
+        AgedText(units.mass.format_value(row.hopper_kg), board_old),
     )
     levels = ("amber" if fast else "", "", "", "amber" if low else "")
     short = (
@@ -482,7 +482,7 @@ def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
     # Heads that the fusion dropped do not count as good.
     good = sum(head.share is not None and not head.dropped for head in heads)
     return HeadsView(
-        ShownText("--" if fused is None else f"{fused:.2f}", old),
+        AgedText("--" if fused is None else f"{fused:.2f}", old),
         heads,
         _("{good} of {all} heads").format(good=good, all=len(heads)),
     )
@@ -508,25 +508,23 @@ def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...
     by_plant = list_point_items(frame, old, units)
     return (
         ItemView(
-            _("GNSS"), ShownText(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)
+            _("GNSS"), AgedText(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)
         ),
-        ItemView(_("fix age"), ShownText(f"{age} s  {hz} Hz", gnss_old)),
-        ItemView(
-            _("look-ahead"), ShownText(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)
-        ),
+        ItemView(_("fix age"), AgedText(f"{age} s  {hz} Hz", gnss_old)),
+        ItemView(_("look-ahead"), AgedText(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
         *(
             by_plant
             or (
                 ItemView(
                     _("scale trim"),
-                    ShownText(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old),
+                    AgedText(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old),
                 ),
-                ItemView(_("done"), ShownText(units.area.format_with_name(frame.area_ha), old)),
+                ItemView(_("done"), AgedText(units.area.format_with_name(frame.area_ha), old)),
             )
         ),
         ItemView(
             _("applied"),
-            ShownText(
+            AgedText(
                 f"{units.mass.format_with_name(frame.applied_kg)}  "
                 + _("mean {rate}").format(rate=units.rate.format_with_name(frame.mean_rate_kg_ha)),
                 old,
@@ -534,7 +532,7 @@ def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...
         ),
         *(
             ItemView(
-                _(signal.label), ShownText(choose_unit(signal, units).format_with_name(value), old)
+                _(signal.label), AgedText(choose_unit(signal, units).format_with_name(value), old)
             )
             for name, signal in RUN_SIGNALS.items()
             if (value := getattr(row, name)) is not None
@@ -552,13 +550,13 @@ def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[ItemView, .
     return (
         ItemView(
             _("doses"),
-            ShownText(
+            AgedText(
                 _("{count}  missed {missed}").format(count=t.doses, missed=t.doses_missed or 0), old
             ),
         ),
         ItemView(
             _("threshold"),
-            ShownText(
+            AgedText(
                 f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old
             ),
         ),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.service import CalibrateService
     from topdress.console.app.pages.diagnosis.service import DiagnosisService
     from topdress.console.app.pages.job.service import EarlierRun, JobService, RunningLimits
-    from topdress.console.app.pages.map.service import LayerFiles, LineFiles
+    from topdress.console.app.pages.map.service import GuideLineFiles, OverlayFiles
     from topdress.console.app.pages.replay.service import LogFiles
     from topdress.console.app.pages.settings.service import SettingsStore
     from topdress.console.frame import Frame
@@ -65,7 +65,7 @@ class Services:
 
     logs: LogFiles | None = None
 
-    layers: LayerFiles | None = None
+    layers: OverlayFiles | None = None
 
     # Returns what the log contains from before this console's first frame.
     earlier: Callable[[str], EarlierRun | None] | None = None
@@ -74,7 +74,7 @@ class Services:
     at_work: Callable[[str], RunningLimits | None] | None = None
 
     # Stores the A-B line and a boundary in progress for the Map page.
-    lines: LineFiles | None = None
+    lines: GuideLineFiles | None = None
 
     # Returns the deviation of the log at a path from its model so far; returns at once.
     model_check: Callable[[str], Departure | None] | None = None

@@ -18,7 +18,7 @@ MAX_NUMBER_CHARACTERS = 24
 # Full-width comma and point; the Chinese full stop, wide and narrow, which the key of the point
 # yields under a Chinese input method; the Arabic decimal sign. Then minus sign, en dash, figure
 # dash, full-width hyphen and small hyphen.
-_SAME_SIGNS = {
+_ASCII_OF_TYPED_SIGN = {
     "\uff0c": ",",
     "\uff0e": ".",
     "\u3002": ".",
@@ -142,7 +142,7 @@ def round_inwards(unit: Unit, low_si: float, high_si: float, decimals: int) -> t
 def _normalise_signs(text: str) -> str:
     """Replace digits, signs and minus of other scripts by ASCII; other characters stay."""
     return "".join(
-        str(unicodedata.decimal(one)) if one.isdecimal() else _SAME_SIGNS.get(one, one)
+        str(unicodedata.decimal(one)) if one.isdecimal() else _ASCII_OF_TYPED_SIGN.get(one, one)
         for one in text.strip()
     )
 

@@ -13,11 +13,11 @@ from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
-from topdress.control.agronomy.reference_strips import StripValue, parse_strip
+from topdress.control.agronomy.reference_strips import StripMean, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
 # Changes that stay undoable; an operator remembers few.
-MAX_CHANGES = 20
+MAX_UNDOABLE_CHANGES = 20
 # Orders that change nothing reversible, each with the reason. A test requires every order in one of
 # the two tables.
 WHY_NOT_UNDOABLE = MappingProxyType(
@@ -55,7 +55,7 @@ class UndoStack:
 
     def add_change(self, change: UndoableChange) -> None:
         """Add a change."""
-        self._changes = [*self._changes[1 - MAX_CHANGES :], change]
+        self._changes = [*self._changes[1 - MAX_UNDOABLE_CHANGES :], change]
 
     @property
     def newest(self) -> UndoableChange | None:
@@ -134,7 +134,7 @@ def _reverse_strip_order(frame: Frame, order: Order) -> tuple[Order, ...]:
         ()
         if strip is None
         else (
-            Order(Do.STRIP, StripValue(strip.which, getattr(frame.strips, strip.which)).event_text),
+            Order(Do.STRIP, StripMean(strip.which, getattr(frame.strips, strip.which)).event_text),
         )
     )
 

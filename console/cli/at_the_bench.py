@@ -154,7 +154,7 @@ def make_host(
     limits. Nothing is logged.
     """
     from topdress.console.worker.loop_host import Host
-    from topdress.console.worker.run_parts import Assembly, RunNames
+    from topdress.console.worker.run_parts import RunAssembly, RunNames
     from topdress.control.loop import ControlLoop
     from topdress.control.safety import SafetyLimits
     from topdress.drivers.cab import Cab
@@ -180,7 +180,9 @@ def make_host(
         safety_limits=SafetyLimits(both_speeds_to_start="gnss" in devices),
     )
     cab = Cab(CabConfig.model_validate(devices), clock)
-    return Host(Assembly(cab, loop, NullLogWriter(), RunNames()), clock, between, hz=BENCH_HZ), cab
+    return Host(
+        RunAssembly(cab, loop, NullLogWriter(), RunNames()), clock, between, hz=BENCH_HZ
+    ), cab
 
 
 def show_progress(text: str) -> None:

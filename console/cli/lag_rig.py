@@ -56,9 +56,9 @@ def measure_lag(
             "no keyboard "
             "here: allowed is --no-key, with somebody at the hard-wired stop"
         )
-    from topdress.drivers.devices.lag_run import LagPlan
+    from topdress.drivers.devices.lag_run import LagTestPlan
 
-    plan = LagPlan(shaft_rpm=tuple(speeds_rpm) or LagPlan().shaft_rpm, repeats=repeats)
+    plan = LagTestPlan(shaft_rpm=tuple(speeds_rpm) or LagTestPlan().shaft_rpm, repeats=repeats)
     with open_keyboard() as keyboard:
         attended = LagOperator(
             keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None

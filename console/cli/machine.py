@@ -27,7 +27,7 @@ TIME_TOLERANCE = 0.05
 HEAD_COMMENT = "Made by topdress machine from"
 
 
-class DrivenPart(StrEnum):
+class DriveTarget(StrEnum):
     """Lists the parts that a drive moves."""
 
     PUMP = "pump"
@@ -98,7 +98,7 @@ def make_machine_file(
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The machine file.")],
-    kind: Annotated[DrivenPart, typer.Option(help="What it drives.")] = DrivenPart.WHEEL,
+    kind: Annotated[DriveTarget, typer.Option(help="What it drives.")] = DriveTarget.WHEEL,
     full_speed: Annotated[
         float | None,
         typer.Option(
@@ -278,7 +278,7 @@ def _describe_neutral(made: MachineSuggestion) -> str:
     )
 
 
-def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) -> str:
+def format_machine_file(made: MachineSuggestion, kind: DriveTarget, head: str) -> str:
     """Returns the text of the file: its description, parts, limits and sensors. Neutral numbers are
     omitted."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0

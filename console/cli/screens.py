@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
     from topdress.console.app.app import TopdressApp
-    from topdress.console.app.attach_notice import JoinedMachine
+    from topdress.console.app.attach_notice import JoinedMachineFacts
     from topdress.console.app.pages.calibrate.service import CalibrateService
     from topdress.console.app.pages.job.service import JobService, RunningLimits
-    from topdress.console.app.pages.map.service import LayerFiles
+    from topdress.console.app.pages.map.service import OverlayFiles
     from topdress.console.app.pages.replay.service import LogFiles
     from topdress.console.app.services import Services
     from topdress.console.running import WorkerAddress
@@ -81,7 +81,7 @@ def show_run(
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.services import make_late_service
     from topdress.console.link import ComingLink, Link
-    from topdress.console.services.line_files import KeptLineFiles
+    from topdress.console.services.line_files import StoredGuideLineFiles
     from topdress.console.services.live_checker import LiveChecker
     from topdress.console.services.settings import read_settings_store
     from topdress.console.services.sound import SoundPlayer
@@ -103,7 +103,7 @@ def show_run(
 
         return JobFiles(launcher)
 
-    job, lines = make_late_service(make_job_files), KeptLineFiles()
+    job, lines = make_late_service(make_job_files), StoredGuideLineFiles()
     # The model check computes with numba, which the extra diagnosis installs.
     checked = model_check and is_extra_installed("diagnosis")
     source: Link | None = None
@@ -158,15 +158,19 @@ def find_own_job(name: str) -> str:
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
-def _join_running(launcher: Launcher, running: WorkerAddress) -> JoinedMachine:
+def _join_running(launcher: Launcher, running: WorkerAddress) -> JoinedMachineFacts:
     """Adopts the files of the running worker."""
-    from topdress.console.app.attach_notice import JoinedMachine
+    from topdress.console.app.attach_notice import JoinedMachineFacts
 
     named = launcher.config
     unused = launcher.adopt_running_files(running.log_path)
     if unused is None:
-        return JoinedMachine(running.started, running.log_path, (), named, known=False, named=named)
-    return JoinedMachine(running.started, running.log_path, launcher.config, unused, named=named)
+        return JoinedMachineFacts(
+            running.started, running.log_path, (), named, known=False, named=named
+        )
+    return JoinedMachineFacts(
+        running.started, running.log_path, launcher.config, unused, named=named
+    )
 
 
 def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> SetupFiles:
@@ -240,10 +244,10 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
         return RunLogs()
 
-    def make_map_layers() -> LayerFiles:
-        from topdress.console.services.layers import MapLayers
+    def make_map_layers() -> OverlayFiles:
+        from topdress.console.services.layers import StoredOverlayFiles
 
-        return MapLayers(diagnosed)
+        return StoredOverlayFiles(diagnosed)
 
     def find_running_limits(log_path: str) -> RunningLimits:
         from topdress.console.app.pages.job.service import RunningLimits
@@ -288,7 +292,7 @@ def show_replay(recorded: RunLog) -> None:
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.services import Services
     from topdress.console.services.field import make_field_picture
-    from topdress.console.services.layers import MapLayers
+    from topdress.console.services.layers import StoredOverlayFiles
     from topdress.console.services.logs import RunLogs
     from topdress.console.services.replay_frames import open_replay
     from topdress.console.services.settings import read_settings_store
@@ -300,7 +304,7 @@ def show_replay(recorded: RunLog) -> None:
         services=Services(
             field=make_field_picture,
             logs=RunLogs(),
-            layers=MapLayers(),
+            layers=StoredOverlayFiles(),
             settings=read_settings_store(),
         ),
     )

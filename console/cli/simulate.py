@@ -22,7 +22,7 @@ from topdress.drivers import day_clock
 # Type checking only: the simulation loads numpy and the machine model when the command runs.
 if TYPE_CHECKING:
     from topdress.control.field.job import Job
-    from topdress.control.machine.fault_injection import PlantedEffect
+    from topdress.control.machine.fault_injection import InjectedEffect
     from topdress.control.machine.machine import Machine
     from topdress.control.machine.steps import CompiledSteps
     from topdress.control.machine.terms import Term
@@ -223,7 +223,7 @@ def _simulate_run(
     job: Job,
     *,
     seed: int,
-    planted: list[PlantedEffect],
+    planted: list[InjectedEffect],
     terms: list[Term],
     seconds: float,
     placed: LoopTargets,

@@ -176,7 +176,7 @@ def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """Returns the app of one tab, without the right to order."""
     from topdress.console.services.diagnosis import DiagnosisFiles
     from topdress.console.services.field import make_field_picture
-    from topdress.console.services.line_files import ReadOnlyLineFiles
+    from topdress.console.services.line_files import ReadOnlyGuideLineFiles
     from topdress.console.services.running_limits import read_earlier_run
 
     waits = SharedKeyWaits(
@@ -192,7 +192,7 @@ def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
             field=make_field_picture,
             diagnosis=DiagnosisFiles(),
             earlier=read_earlier_run,
-            lines=ReadOnlyLineFiles(),
+            lines=ReadOnlyGuideLineFiles(),
         ),
     )
 

@@ -22,12 +22,12 @@ MIN_RATE_BIN_S = 20.0
 # Multiple of the median interval above which a bin is omitted, because it would only stretch the
 # scale.
 MAX_INTERVAL_FACTOR = 3.0
-NORMAL_90 = 1.645
+TWO_SIDED_90_QUANTILE = 1.645
 # Share of an effect by which a later axis must be more telling in order to be chosen.
-MIN_GAIN_SHARE = 0.03
+MIN_AXIS_GAIN_SHARE = 0.03
 
 
-class Axis(NamedTuple):
+class ResidualAxis(NamedTuple):
     """Names a variable by its id on which a residual (n,) may depend."""
 
     variable: str
@@ -57,7 +57,7 @@ class BinnedMeans(NamedTuple):
     half: Array
 
 
-def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedMeans:
+def calc_binned_means(axis: ResidualAxis, values: Array, memory: float = 0.0) -> BinnedMeans:
     """Returns means of values (n,) over an axis, with half of their 90 % intervals.
 
     `memory` is the autocorrelation of neighbouring values, which makes the intervals wider.
@@ -76,11 +76,13 @@ def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedM
     )
     memory = min(0.98, max(0.0, memory))
     own = np.maximum(1.0, number * (1.0 - memory) / (1.0 + memory))
-    return BinnedMeans(at[there], mean[there], (NORMAL_90 * spread / np.sqrt(own))[there])
+    return BinnedMeans(
+        at[there], mean[there], (TWO_SIDED_90_QUANTILE * spread / np.sqrt(own))[there]
+    )
 
 
 def calc_binned_rates(
-    axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
+    axis: ResidualAxis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
 ) -> BinnedMeans:
     """Returns rates of change of a level (n,) by bins of an axis: least squares on the level
     itself, with first-order autoregressive noise.
@@ -107,13 +109,13 @@ def calc_binned_rates(
     lasts = np.bincount(index[known], minlength=count)
     there = lasts * step_s >= MIN_RATE_BIN_S
     at = np.bincount(index[known], axis.values[known], minlength=count) / np.maximum(lasts, 1)
-    half = NORMAL_90 * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
+    half = TWO_SIDED_90_QUANTILE * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
     there &= half <= MAX_INTERVAL_FACTOR * np.median(half[there]) if there.any() else there
     return BinnedMeans(at[there], weights[:count][there], half[there])
 
 
 def assign_bins(
-    axis: Axis, bins: int = MEAN_BINS, even_share: float = 0.5
+    axis: ResidualAxis, bins: int = MEAN_BINS, even_share: float = 0.5
 ) -> tuple[npt.NDArray[np.int64], int]:
     """Returns the bin of each value (n,), -1 for none, and the number of bins.
 
@@ -136,7 +138,7 @@ def assign_bins(
     return index, len(edges) + 1
 
 
-def calc_shown_share(axis: Axis, effect: Array) -> float:
+def calc_shown_share(axis: ResidualAxis, effect: Array) -> float:
     """Returns the share of an effect on the rows (n,) that its means over the axis show, 0 to 1."""
     total = float(np.sum(effect**2))
     if total <= 0.0:
@@ -149,13 +151,13 @@ def calc_shown_share(axis: Axis, effect: Array) -> float:
     return float(np.sum(sums**2 / numbers)) / total
 
 
-def find_telling_axis(axes: Sequence[Axis], effect: Array) -> Axis:
+def find_telling_axis(axes: Sequence[ResidualAxis], effect: Array) -> ResidualAxis:
     """Returns the axis along which the effect is most visible; among nearly equal axes the
     first."""
     best, most = axes[0], calc_shown_share(axes[0], effect)
     for axis in axes[1:]:
         share = calc_shown_share(axis, effect)
-        if share > most + MIN_GAIN_SHARE:
+        if share > most + MIN_AXIS_GAIN_SHARE:
             best, most = axis, share
     return best
 

@@ -49,7 +49,7 @@ ROW_PT = 14.0
 # Smallest distances between ticks, points.
 TICK_X_PT, TICK_Y_PT = 55.0, 22.0
 # Share of their span by which data end inside of the panel.
-MARGIN_SHARE = 0.05
+DATA_MARGIN_SHARE = 0.05
 # Steps that people read easily, as multiples of a power of ten.
 STEPS_OF_TEN = (1.0, 2.0, 2.5, 5.0, 10.0)
 # Powers of ten beyond which numbers are written as a power.
@@ -470,7 +470,7 @@ def _widen_ends(ends: tuple[float, float]) -> tuple[float, float]:
         # middle.
         half = 0.05 * abs(low) or 0.05
         return low - half, high + half
-    return low - MARGIN_SHARE * (high - low), high + MARGIN_SHARE * (high - low)
+    return low - DATA_MARGIN_SHARE * (high - low), high + DATA_MARGIN_SHARE * (high - low)
 
 
 class ColourBar(NamedTuple):

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import Axis, BinnedMeans
+from topdress.console.reports.binned import BinnedMeans, ResidualAxis
 from topdress.console.reports.chart import (
     AFTER_COLOUR,
     BEFORE_COLOUR,
@@ -27,7 +27,7 @@ HALF_WAVE_COUNT = 4
 
 def draw_residual_panel(
     panel: ChartPanel,
-    axis: Axis,
+    axis: ResidualAxis,
     before: BinnedMeans,
     after: BinnedMeans | None,
     unit: str,

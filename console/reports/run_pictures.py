@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import Axis, calc_shown_share
+from topdress.console.reports.binned import ResidualAxis, calc_shown_share
 from topdress.console.reports.chart import (
     AFTER_COLOUR,
     BEFORE_COLOUR,
@@ -36,9 +36,9 @@ from topdress.control.machine.machine import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 # Share of an effect below which means over the axis do not show it.
-MIN_MEANS_SHARE = 0.25
+MIN_EFFECT_SHARE_IN_MEANS = 0.25
 # Share from which means alone are sufficient.
-SUFFICIENT_MEANS_SHARE = 0.8
+SUFFICIENT_EFFECT_SHARE_IN_MEANS = 0.8
 # The lengths show several responses of each drive: shaft and gate react faster than the speed
 # changes.
 # Lengths of the intervals that are shown in full, by view, s.
@@ -105,16 +105,20 @@ def draw_cause(
     return [sheet.make_picture(title, " ".join(sentences))]
 
 
-def _choose_panels(view: ChannelView, axis: Axis, share: float, part: EffectInstance) -> list[str]:
+def _choose_panels(
+    view: ChannelView, axis: ResidualAxis, share: float, part: EffectInstance
+) -> list[str]:
     """Returns the panels: means over the axis where they show the effect; an interval in full where
     means do not show all of it, or time matters."""
     # Only drives and speed respond within seconds; the other channels show nothing in a short
     # interval.
     stretch = view.name in INTERVAL_S_OF_VIEW and (
-        share < SUFFICIENT_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
+        share < SUFFICIENT_EFFECT_SHARE_IN_MEANS
+        or part.onset_s is not None
+        or axis.sign is not None
     )
     # At least one panel is drawn.
-    means = share >= MIN_MEANS_SHARE or not stretch
+    means = share >= MIN_EFFECT_SHARE_IN_MEANS or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
@@ -222,7 +226,7 @@ def draw_unexplained(
     )
 
 
-def _draw_extension(panel: ChartPanel, fit: UnexplainedCurve, axis: Axis) -> None:
+def _draw_extension(panel: ChartPanel, fit: UnexplainedCurve, axis: ResidualAxis) -> None:
     # The units are those of the extension in the machine file.
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     # The axis of time is in minutes, the nodes are in seconds.

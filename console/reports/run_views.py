@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.binned import (
-    Axis,
     BinnedMeans,
+    ResidualAxis,
     calc_binned_means,
     calc_binned_rates,
     calc_correlation,
@@ -73,7 +73,7 @@ class ChannelView(NamedTuple):
     time_s: Array
     measured: Array
     predict: Callable[[tuple[EffectInstance, ...]], Array]
-    axes: dict[str, Axis]
+    axes: dict[str, ResidualAxis]
     # Number of the head of each row.
     member: npt.NDArray[np.int64] | None = None
     # Rows between refills; the mass in kg is stored, its rate is shown.
@@ -97,7 +97,7 @@ class ChannelView(NamedTuple):
         more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
         return more if self.segments is None else np.diff(more, prepend=more[0])
 
-    def calc_axis_means(self, axis: Axis, residual: Array, memory: float) -> BinnedMeans:
+    def calc_axis_means(self, axis: ResidualAxis, residual: Array, memory: float) -> BinnedMeans:
         """Returns means of a residual (n,) over an axis; for a mass its rate, in g/s, positive out
         of the hopper."""
         if self.segments is None:
@@ -107,7 +107,7 @@ class ChannelView(NamedTuple):
         )
         return BinnedMeans(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
 
-    def make_even_bins(self, minutes: Array, most: int) -> tuple[Axis, Array]:
+    def make_even_bins(self, minutes: Array, most: int) -> tuple[ResidualAxis, Array]:
         """Returns the rows, at these minutes (n,), in equal bins of time, at most `most`: the bin
         of each row, and the middles."""
         low, high = float(minutes.min()), float(minutes.max())
@@ -115,7 +115,7 @@ class ChannelView(NamedTuple):
         width = (high - low) / count or 1.0
         index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
         return (
-            Axis("", index.astype(float), names=tuple("-" for _ in range(count))),
+            ResidualAxis("", index.astype(float), names=tuple("-" for _ in range(count))),
             np.asarray(low + (np.arange(count) + 0.5) * width, np.float64),
         )
 
@@ -130,7 +130,7 @@ class ChannelView(NamedTuple):
         )
         return calc_correlation(residual - slow)
 
-    def find_effect_axis(self, part: EffectInstance, effect: Array) -> Axis:
+    def find_effect_axis(self, part: EffectInstance, effect: Array) -> ResidualAxis:
         """Returns the axis along which the effect on the rows (n,) is most visible."""
         own = self.axes.get(OWN_AXES.get(part.id, ""))
         if own is not None:
@@ -272,20 +272,24 @@ def _make_channel_view(
     if drive is not None:
         axes = {**axes, **_make_change_axes(drive, channel.grid.even_s)}
     if name == "speed" and data.speed is not None:
-        axes["working"] = Axis(
+        axes["working"] = ResidualAxis(
             "working",
             np.round(np.interp(time_s, data.speed.time_s, data.speed.working)),
             names=("out of work", "in work"),
         )
         gained = np.gradient(data.speed.true_mps, data.speed.time_s)
-        axes["gain_of_speed"] = Axis("gain_of_speed", np.interp(time_s, data.speed.time_s, gained))
+        axes["gain_of_speed"] = ResidualAxis(
+            "gain_of_speed", np.interp(time_s, data.speed.time_s, gained)
+        )
     if name == "heads" and data.heads is not None:
         used = np.flatnonzero(np.isfinite(data.heads.ndvi).any(axis=1))
         member = np.repeat(used + 1, len(channel.grid.even_s))
         heads = tuple(str(k + 1) for k in range(used.max() + 1))
         axes = {
-            "head": Axis("head", member.astype(float) - 1.0, names=heads),
-            "ndvi": Axis("ndvi", np.tile(channel.grid.interpolate(data.heads.mean), copies)),
+            "head": ResidualAxis("head", member.astype(float) - 1.0, names=heads),
+            "ndvi": ResidualAxis(
+                "ndvi", np.tile(channel.grid.interpolate(data.heads.mean), copies)
+            ),
             **axes,
         }
     return ChannelView(
@@ -300,9 +304,9 @@ def _make_channel_view(
     )
 
 
-def _list_recorded_axes(data: RunData, time_s: Array) -> dict[str, Axis]:
+def _list_recorded_axes(data: RunData, time_s: Array) -> dict[str, ResidualAxis]:
     return {
-        name: Axis(
+        name: ResidualAxis(
             name, time_s / 60.0 if name == "time_s" else np.interp(time_s, data.time_s, values)
         )
         for name, values in data.variables.items()
@@ -310,14 +314,14 @@ def _list_recorded_axes(data: RunData, time_s: Array) -> dict[str, Axis]:
     }
 
 
-def _sort_axes(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
+def _sort_axes(axes: dict[str, ResidualAxis], view: str) -> dict[str, ResidualAxis]:
     """Returns the axes in the order of preference. The channel's own axis comes first, because the
     first of equally telling axes is chosen."""
     first = {name: axes[name] for name in FIRST_AXES.get(view, ()) if name in axes}
     return {**first, **{name: axis for name, axis in axes.items() if name not in first}}
 
 
-def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
+def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, ResidualAxis]:
     """Returns seconds since the command changed, signed by its direction; the direction; and the
     distance moved so far."""
     change = np.diff(drive.command, prepend=drive.command[0])
@@ -331,11 +335,13 @@ def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     moved = np.interp(time_s, drive.time_s, np.cumsum(np.abs(change)))
     ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
     found = {
-        "way": Axis("way", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
-        "since_change": Axis("since_change", np.where(since < SETTLING_TIME_S, since, np.nan), way),
+        "way": ResidualAxis("way", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
+        "since_change": ResidualAxis(
+            "since_change", np.where(since < SETTLING_TIME_S, since, np.nan), way
+        ),
     }
     if drive.name == "gate":
-        found["moved"] = Axis("moved", moved)
+        found["moved"] = ResidualAxis("moved", moved)
     return found
 
 

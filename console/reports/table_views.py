@@ -31,7 +31,7 @@ COARSE_CLOCK = LAG_COARSE_CLOCK.id
 FALLBACK_AXIS_NAMES = ("replicate", "area_m2", "duration_s")
 
 
-class CausePart(NamedTuple):
+class ScopedCause(NamedTuple):
     """Holds a cause as the model takes it. `scope` is the set of rows in which it applies, as its
     cause names them; None for all."""
 
@@ -95,7 +95,7 @@ def make_table_views(
     Raises ValueError with one line for tables that cannot be used.
     """
     parts = tuple(
-        CausePart(
+        ScopedCause(
             SizedEffect(TableCandidate(cause.id, cause.member), cause.size.value), cause.scope
         )
         for cause in causes
@@ -109,7 +109,7 @@ def make_table_views(
 
 
 def _make_column_view(
-    piece: MeasuredSeries, machine: Machine, parts: tuple[CausePart, ...]
+    piece: MeasuredSeries, machine: Machine, parts: tuple[ScopedCause, ...]
 ) -> MeasuredColumn:
     nominal = piece.predict(machine)
     felt = dict.fromkeys(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, cast
 
 from topdress.console.app.pages.calibrate.catch_test import CatchPoint
 from topdress.console.app.pages.calibrate.service import (
-    Calibrated,
     CalibrateService,
+    CalibrationResult,
     CurvePoint,
     Estimate,
     EstimateName,
@@ -89,7 +89,7 @@ def make_calibrate_service(
     )
 
 
-def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
+def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> CalibrationResult:
     """Returns the flow per turn from weighed catches, with the line over opening, or over shaft
     speed where only that was changed."""
     # scipy takes a moment to load and is needed only after a test is weighed.
@@ -159,7 +159,7 @@ def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated
         _make_estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
         _make_estimate("fill_falloff", flow.fill_falloff_percent, "%", 1),
     )
-    return Calibrated(
+    return CalibrationResult(
         "catch",
         estimates,
         points,
@@ -244,7 +244,7 @@ def open_lag_table(path: Path) -> LagTable:
     return LagTable(str(path), table.rows, labels)
 
 
-def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
+def fit_lag_table(machine: Machine, path: str, label: str | None) -> CalibrationResult:
     """Returns the lag line of a table, with its points inside and outside of the range."""
     import numpy as np
     from scipy.special import stdtrit
@@ -256,7 +256,7 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     # A table of changes alone determines the tube and no lag line.
     if table.find_running_rows().all():
         tube = settle_tube(table, machine)[1]
-        return Calibrated(
+        return CalibrationResult(
             "lag",
             (_make_estimate("carried_share", tube.carried_share, "", 2),),
             scatter=f"{tube.scatter_s:.3f} s",
@@ -293,7 +293,7 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
         )
         for x in _make_even_steps(line.from_rpm, line.to_rpm)
     )
-    return Calibrated(
+    return CalibrationResult(
         "lag",
         (
             _make_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
@@ -311,11 +311,11 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
 
 def fit_wheel_drive(
     machine: Machine, counted_m: float, samples: Sequence[WheelSample]
-) -> Calibrated:
+) -> CalibrationResult:
     """Returns the circumference from a straight drive; `counted_m` is the circumference by which
     the wheel speed was computed, m."""
     _machine, fit = _fit_wheel_machine(machine, counted_m, samples)
-    return Calibrated(
+    return CalibrationResult(
         "wheel",
         (_make_estimate("circumference", fit.circumference_m, "m", 4),),
         source=tuple(samples),
@@ -337,7 +337,7 @@ def _fit_wheel_machine(
     )
 
 
-def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
+def fit_drive_effort(machine: Machine, path: str) -> CalibrationResult:
     """Returns the effort of the drives, from a run log as far as it is written; the fit is also
     saved."""
     from topdress.control.diagnosis.runs import effort_reference
@@ -355,7 +355,7 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
         for fit in fits
         for place, one, unit in fit.numbers
     ]
-    return Calibrated(
+    return CalibrationResult(
         "effort",
         tuple(numbers),
         scatter=f"{fits[0].scatter:.3g} {fits[0].unit}",
@@ -365,7 +365,7 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
 
 
 def save_calibrated(
-    machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float
+    machine: Machine, fitted: CalibrationResult, name: str, folder: Path, counted_m: float
 ) -> str:
     """Writes the new machine file and the table of its measurements; returns its path.
 

@@ -21,7 +21,7 @@ from topdress.console.app.pages.diagnosis.service import (
     IMPORT_KIND,
     Adoption,
     ComparedRow,
-    ComparedShown,
+    ComparisonView,
     DiagnosisSource,
     DiagnosisView,
     ExportKind,
@@ -205,7 +205,7 @@ class DiagnosisFiles:
 
     def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
-    ) -> ComparedShown:
+    ) -> ComparisonView:
         """Returns the errors of a machine file on a log before and after its last change."""
         order = DiagnosisOrder(
             source.path, str(self._make_job_folder()), "run", machine, self.machine, compare=True
@@ -216,7 +216,7 @@ class DiagnosisFiles:
         stem = f"{Path(source.path).stem}-compared"
         report = _copy_to_folder(made, self.own / "reports", stem, ".html") if made.exists() else ""
         plain = json.loads((Path(order.folder) / RESULT_NAME).read_text(encoding="utf-8"))
-        return ComparedShown(
+        return ComparisonView(
             tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report
         )
 

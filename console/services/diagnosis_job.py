@@ -34,9 +34,9 @@ TellProgress = Callable[[float, str], None]
 VIEW_NAME, RESULT_NAME, REPORT_NAME = "view.json", "result.json", "report.html"
 RUN_LOG_NAME = "separating.csv"
 # Share of the whole work that the simulation takes.
-DRIVING_SHARE = 0.55
+SIMULATION_SHARE_OF_WORK = 0.55
 # Smallest change of the share that is reported.
-MIN_SHARE_STEP = 0.004
+MIN_REPORTED_PROGRESS_STEP = 0.004
 # Nice value of the process, because the control loop comes first.
 DIAGNOSIS_NICENESS = 10
 
@@ -81,9 +81,9 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
     data, name, done = Path(order.data), Path(order.data).name, 0.0
     if order.manoeuvre:
         data = Path(order.folder) / RUN_LOG_NAME
-        name, done = data.name, DRIVING_SHARE
+        name, done = data.name, SIMULATION_SHARE_OF_WORK
         drive_simulated_run(
-            order, machine, data, lambda share, stage: tell(DRIVING_SHARE * share, stage)
+            order, machine, data, lambda share, stage: tell(SIMULATION_SHARE_OF_WORK * share, stage)
         )
 
     def tell_later_share(share: float, stage: str) -> None:
@@ -282,7 +282,7 @@ def make_progress_teller() -> TellProgress:
     def tell_progress(share: float, stage: str) -> None:
         nonlocal last
         # A falling share is the beginning of a later stage and is shown at once.
-        if share - last >= MIN_SHARE_STEP or share < last:
+        if share - last >= MIN_REPORTED_PROGRESS_STEP or share < last:
             last = share
             _print_json_line({"share": round(share, 3), "stage": stage})
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from topdress.console.app.pages.diagnosis.service import CauseCurves, DiagnosisView, ResidualCurve
-from topdress.console.reports.binned import Array, Axis, BinnedMeans
+from topdress.console.reports.binned import Array, BinnedMeans, ResidualAxis
 from topdress.console.reports.diagnosis_wording import sort_adoptable, sort_headlines
 from topdress.console.reports.run_views import (
     ChannelView,
@@ -110,7 +110,7 @@ def _find_unexplained_curve(
 
 
 def _make_axis_curve(
-    view: ChannelView, axis: Axis, parts: tuple[EffectInstance, ...]
+    view: ChannelView, axis: ResidualAxis, parts: tuple[EffectInstance, ...]
 ) -> ResidualCurve | None:
     before, after = view.calc_residual(()), view.calc_residual(parts)
     memory = view.calc_noise_memory(after)

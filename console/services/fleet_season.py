@@ -33,7 +33,7 @@ class MistimedLog(NamedTuple):
     date: str
 
 
-class Season(NamedTuple):
+class FleetSeason(NamedTuple):
     """Holds the combined records of a fleet.
 
     `units` are units of effects. `broken` has path and reason. `by_file_date` counts the logs whose
@@ -52,7 +52,7 @@ class Season(NamedTuple):
 
 def make_season(
     records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float
-) -> Season:
+) -> FleetSeason:
     """Returns the season of a fleet.
 
     `records` are those of `fleet_job.read_record`, with their key. `now_d` is in days since 1970.
@@ -83,7 +83,7 @@ def make_season(
     for one in named:
         units |= one["units"]
     fit = fit_season(logs)
-    return Season(
+    return FleetSeason(
         tuple(rank_machines_by_cost(owners, fit)),
         fit,
         tuple(find_low_hoppers(owners)),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from topdress.drivers.files.atomic import write_atomically
 
 if TYPE_CHECKING:
-    from topdress.console.services.fleet_season import Season
+    from topdress.console.services.fleet_season import FleetSeason
 
 _TEXT, _NUMBER, _COUNT = "Utf8", "Float64", "Int64"
 # Every column of every table is listed, so that an empty table has them too.
@@ -109,7 +109,7 @@ TABLE_COLUMNS = {
 }
 
 
-def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) -> None:
+def write_tables(out: Path, of: FleetSeason, records: Sequence[Mapping[str, Any]]) -> None:
     """Writes `TABLE_COLUMNS`, each table as a Parquet file in `out`. Raises OSError."""
     import polars as pl
 

@@ -41,8 +41,8 @@ from topdress.drivers.plain_text import RefusedInput
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from topdress.console.link import Link
-    from topdress.console.worker.resume_field import OpenJob
-    from topdress.control.agronomy.reference_strips import StripValue
+    from topdress.console.worker.resume_field import InterruptedJob
+    from topdress.control.agronomy.reference_strips import StripMean
     from topdress.control.field.job import Job
     from topdress.control.machine.machine import Machine
     from topdress.control.targets.map_check import MapCheck
@@ -216,7 +216,7 @@ class JobFiles:
             build_setup(load_by_kind(recent.files), day_clock.read_today())
         self._next = recent.files
 
-    def save_strip_value(self, strip: StripValue) -> str:
+    def save_strip_value(self, strip: StripMean) -> str:
         """Saves a strip's NDVI in the job; returns the comment. Raises ValueError."""
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = (
@@ -521,7 +521,7 @@ class JobFiles:
         finally:
             self._changed = None
 
-    async def _begin_worker(self, left: Sequence[OpenJob], anew: bool) -> Link:
+    async def _begin_worker(self, left: Sequence[InterruptedJob], anew: bool) -> Link:
         """Starts a worker on a field with these interrupted jobs, the newest first."""
         if anew:
             # A job that starts anew is offered no longer: its interrupted parts count as finished.
@@ -651,10 +651,10 @@ class JobFiles:
             list_other_files(kept.config, self._next or self._launcher.config),
         )
 
-    def _find_left_jobs(self) -> list[OpenJob]:
+    def _find_left_jobs(self) -> list[InterruptedJob]:
         """Returns the interrupted jobs on the field of the next start, the newest first; if no
         files are chosen, the newest of all. Raises ValueError."""
-        from topdress.console.worker.resume_field import OpenJob, find_jobs_here
+        from topdress.console.worker.resume_field import InterruptedJob, find_jobs_here
         from topdress.drivers.files.setup import build_setup, load_by_kind
 
         now, config = day_clock.read_utc_now(), self._next or self._launcher.config
@@ -662,7 +662,7 @@ class JobFiles:
             return [
                 # Without files the field is unknown; a share of 1.0 lets the newest job continue
                 # with its totals.
-                OpenJob(*one, 1.0)
+                InterruptedJob(*one, 1.0)
                 for one in resume.find_open_jobs(self._launcher.log_folder, now)
             ][:1]
         with shorten_config_error():

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from topdress.console.app.coverage_raster import Box, WorkedGround, make_spot
+from topdress.console.app.coverage_raster import GroundBox, WorkedGround, make_spot
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.overlay_file import HarvestColumn, OverlayFile
 from topdress.console.app.pages.diagnosis.service import ImportNeedsAnswersError
@@ -35,8 +35,8 @@ MAX_STALE_FIX_M = 30.0
 DEFAULT_WIDTH_M = 2.4
 
 
-class MapLayers:
-    """Implements `console.app.pages.map.service.LayerFiles` on real files."""
+class StoredOverlayFiles:
+    """Implements `console.app.pages.map.service.OverlayFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()
@@ -196,7 +196,7 @@ def _find_harvest_column(log: RunLog) -> tuple[str, HarvestColumn] | None:
     return None
 
 
-def _calc_distance_m(box: Box | None, frame: Frame) -> float:
+def _calc_distance_m(box: GroundBox | None, frame: Frame) -> float:
     """Returns the distance from the machine to the nearest side of the overlay, m."""
     if box is None or frame.place_m is None:
         return 0.0

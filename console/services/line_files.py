@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from topdress.console.app.guide_line_store import KeptLines, read_kept_lines
+from topdress.console.app.guide_line_store import StoredLines, read_kept_lines
 from topdress.console.worker.side_files import SideFiles
 
 LINES_SUFFIX = ".lines.jsonl"
@@ -18,8 +18,8 @@ def find_lines_path(log_path: str | Path) -> Path:
     return Path(log_path).with_suffix(LINES_SUFFIX)
 
 
-class KeptLineFiles:
-    """Implements `console.app.pages.map.service.LineFiles` on real files."""
+class StoredGuideLineFiles:
+    """Implements `console.app.pages.map.service.GuideLineFiles` on real files."""
 
     def __init__(self) -> None:
         self._files = SideFiles()
@@ -28,7 +28,7 @@ class KeptLineFiles:
         """Queues a record for the log's file of lines."""
         self._files.queue_append(find_lines_path(log_path), record.encode() + b"\n")
 
-    def read_lines(self, log_path: str) -> KeptLines:
+    def read_lines(self, log_path: str) -> StoredLines:
         """Returns the lines of a log, including the job's parts before a power cut; the last record
         applies."""
         texts = [
@@ -51,7 +51,7 @@ class KeptLineFiles:
         self._files.close_files()
 
 
-def _add_field_line(kept: KeptLines, log: Path) -> KeptLines:
+def _add_field_line(kept: StoredLines, log: Path) -> StoredLines:
     """Returns the lines with the line of the last job on the same field, so that tracks stay in
     place."""
     field = _find_shared_field(log)
@@ -93,7 +93,7 @@ def _find_shared_field(log: Path) -> _SharedField | None:
     )
 
 
-def _continue_drive(kept: KeptLines, log: Path, after_s: float) -> None:
+def _continue_drive(kept: StoredLines, log: Path, after_s: float) -> None:
     """Adds the path since the last record, taken from the log, for the time without a console."""
     from topdress.drivers.files.read_log import read_log
 
@@ -125,7 +125,7 @@ def _list_earlier_parts(log_path: str) -> tuple[Path, ...]:
         return ()
 
 
-class ReadOnlyLineFiles(KeptLineFiles):
+class ReadOnlyGuideLineFiles(StoredGuideLineFiles):
     """Reads lines for a console that writes no files: a tablet's tab."""
 
     def append_record(self, log_path: str, record: str) -> None:

@@ -29,7 +29,7 @@ LOG_POLL_S = 5.0
 # Time without a new row after which a log counts as no longer growing, s.
 GROWTH_TIMEOUT_S = 60.0
 # Share of one core's time that the import of the log may take.
-MAX_IMPORT_SHARE = 0.05
+MAX_IMPORT_CORE_SHARE = 0.05
 DEFAULT_MACHINE = "huanghai"
 
 
@@ -92,7 +92,7 @@ def follow_log(
                     check.now_s, standing, k == len(pieces) - 1 and not growing.behind
                 )
         # Such a log is imported again at each poll, so the pauses become longer.
-        for _ in range(int(took_s / (MAX_IMPORT_SHARE * LOG_POLL_S))):
+        for _ in range(int(took_s / (MAX_IMPORT_CORE_SHARE * LOG_POLL_S))):
             if not wait():
                 break
 

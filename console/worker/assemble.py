@@ -22,7 +22,7 @@ from topdress.console.worker.resume_assemble import (
 from topdress.console.worker.resume_field import list_logs_here
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
-from topdress.console.worker.run_parts import Assembly, Bench, RunNames
+from topdress.console.worker.run_parts import MachineDevices, RunAssembly, RunNames
 from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
@@ -121,7 +121,7 @@ def assemble_run(
     clock: Clock,
     open_log: Callable[[Path, RunMeta], RunLogWriter] = RunLogWriter,
     open_port: PortOpener = open_line,
-) -> Assembly:
+) -> RunAssembly:
     """Build bench, loop and log writer; without a cab file the machine is simulated.
 
     Parameters
@@ -150,7 +150,7 @@ def assemble_run(
         )
     machine, sha256 = setup.machine, dict(setup.sha256)
     # The bench is real or simulated; the loop is the same for both.
-    bench: Bench
+    bench: MachineDevices
     has_work_switch = record_only = False
     simulated = _is_simulated_cab(cab)
     # A simulated machine without a field would drive without a boundary or map.
@@ -229,7 +229,7 @@ def assemble_run(
         lambda: _read_utc_now().isoformat(timespec="milliseconds"),
     )
     writer.after_writing = keeper.save_due
-    return Assembly(bench, loop, writer, names, keeper)
+    return RunAssembly(bench, loop, writer, names, keeper)
 
 
 def _is_simulated_cab(cab: LoadedConfig[Any] | None) -> bool:

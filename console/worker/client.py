@@ -10,8 +10,8 @@ from math import inf
 
 from topdress.console.attached import DEFAULT_NAME, AttachedConsole
 from topdress.console.worker.limits import (
+    MAX_CLIENT_REFUSALS,
     MAX_LINE_BYTES,
-    MAX_REFUSALS,
     MAX_UNREAD_BYTES,
     REFUSAL_RECOVERY_S,
     SEND_BUFFER_BYTES,
@@ -28,16 +28,16 @@ class ClientKind(Enum):
 
 
 class RefusalQuota:
-    """Counts the refusals that a client may still receive: `MAX_REFUSALS` at once, and another one
-    every `REFUSAL_RECOVERY_S`."""
+    """Counts the refusals that a client may still receive: `MAX_CLIENT_REFUSALS` at once, and
+    another one every `REFUSAL_RECOVERY_S`."""
 
     def __init__(self, now_s: float) -> None:
-        self._left, self._at_s = float(MAX_REFUSALS), now_s
+        self._left, self._at_s = float(MAX_CLIENT_REFUSALS), now_s
 
     def spend_refusal(self, now_s: float) -> bool:
         """Spend one refusal at `now_s` (s) and return True; return False when none was left."""
         self._left = min(
-            float(MAX_REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_RECOVERY_S
+            float(MAX_CLIENT_REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_RECOVERY_S
         )
         self._at_s = now_s
         if self._left < 1.0:

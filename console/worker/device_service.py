@@ -12,7 +12,7 @@ from pathlib import Path
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.console.worker.limits import LISTEN_TEST_DURATION_S, MAX_CAPTURE_BYTES
 from topdress.console.worker.requests import DeviceOrder
-from topdress.console.worker.run_parts import Bench
+from topdress.console.worker.run_parts import MachineDevices
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.orders import Answer, State
 from topdress.drivers.cab_line import DeviceLine, Direction
@@ -37,7 +37,7 @@ class DeviceService:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: MachineDevices,
         log_path: str,
         files: SideFiles,
         opener: PortOpener = open_port,

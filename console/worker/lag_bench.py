@@ -10,17 +10,22 @@ from __future__ import annotations
 from pathlib import Path
 
 from topdress.console.frame import LagTestView
-from topdress.console.worker.run_parts import Bench
+from topdress.console.worker.run_parts import MachineDevices
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.loop import ControlLoop
 from topdress.control.orders import Answer, Do, Order, State
-from topdress.drivers.devices.lag_run import LagPlan, LagProcedure, make_bench_row, make_bench_table
+from topdress.drivers.devices.lag_run import (
+    LagProcedure,
+    LagTestPlan,
+    make_bench_row,
+    make_bench_table,
+)
 
 
 class LagBench:
     """Runs at most one lag test at a time. `follow_test` runs between measuring and deciding."""
 
-    def __init__(self, bench: Bench, loop: ControlLoop, files: SideFiles) -> None:
+    def __init__(self, bench: MachineDevices, loop: ControlLoop, files: SideFiles) -> None:
         self._bench, self._loop, self._files = bench, loop, files
         self._test: LagProcedure | None = None
         self._table: Path | None = None
@@ -36,7 +41,7 @@ class LagBench:
         """Lag test in progress, or None."""
         return self._test
 
-    def begin_lag_test(self, table: Path | None, plan: LagPlan | None = None) -> Answer:
+    def begin_lag_test(self, table: Path | None, plan: LagTestPlan | None = None) -> Answer:
         """Begin a test with its first run.
 
         Parameters

@@ -57,7 +57,7 @@ UNAUTHORISED_TURN_PERIOD_S = 0.02
 # Connections accepted per turn: 200 per second, so that a new client has 0.3 s to show its token.
 MAX_ACCEPTS_PER_TURN = 4
 # A client without the token is ignored after this number of refusals.
-MAX_REFUSALS = 8
+MAX_CLIENT_REFUSALS = 8
 # A further refusal is permitted after each such time, s.
 REFUSAL_RECOVERY_S = 1.0
 # An ignored client is disconnected after this time, s; at once it would only return sooner.

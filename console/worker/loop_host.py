@@ -35,7 +35,7 @@ from topdress.console.worker.limits import (
     TOTALS_PERIOD_S,
 )
 from topdress.console.worker.requests import ClientQuestion, DeviceOrder, RequestContent
-from topdress.console.worker.run_parts import FRAME_FIELDS, Assembly
+from topdress.console.worker.run_parts import FRAME_FIELDS, RunAssembly
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.field.totals import Totals
 from topdress.control.loop import Tick
@@ -190,7 +190,7 @@ class Host:
 
     def __init__(
         self,
-        assembly: Assembly,
+        assembly: RunAssembly,
         clock: Callable[[], float],
         sleep: Callable[[float], None],
         *,

@@ -14,11 +14,11 @@ from topdress.console.worker import run_file
 from topdress.console.worker.link_server import LinkServer
 from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options, parse_options
-from topdress.console.worker.run_parts import Assembly
+from topdress.console.worker.run_parts import RunAssembly
 from topdress.console.worker.system import handle_signals, set_priority
 
 Clock = Callable[[], float]
-Assemble = Callable[[Options, Clock], Assembly]
+Assemble = Callable[[Options, Clock], RunAssembly]
 
 
 def run_worker_program(arguments: Sequence[str], assemble: Assemble) -> int:
@@ -41,7 +41,7 @@ def run_worker_program(arguments: Sequence[str], assemble: Assemble) -> int:
         return run_with_right(options, assemble, right)
 
 
-def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerRight) -> int:
+def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerLock) -> int:
     """Run one worker as `run_worker_program` does, with the right to be the worker already
     taken."""
     # The priority is set before any thread starts, because threads inherit it.

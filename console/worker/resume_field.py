@@ -28,7 +28,7 @@ MAX_SAMPLED_CELLS = 4_000
 _REDRAWN_BLOCK_ROWS = 256
 
 
-class OpenJob(NamedTuple):
+class InterruptedJob(NamedTuple):
     """Holds an interrupted job; `share` is the share of its finished ground on the field in
     question, 0 to 1."""
 
@@ -43,7 +43,7 @@ class OpenJob(NamedTuple):
         return self.share >= MIN_SAME_FIELD_SHARE
 
 
-def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
+def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[InterruptedJob]:
     """Return the jobs that have spread on this job's field, newest first; simulated and real jobs
     are separate.
 
@@ -52,10 +52,10 @@ def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> li
     left = (one for one in find_open_jobs(folder, now) if one[1].simulated == simulated)
     boundary = job.field.make_boundary()
     if boundary is None:
-        return [OpenJob(*one, 1.0) for one in islice(left, 1)]
+        return [InterruptedJob(*one, 1.0) for one in islice(left, 1)]
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
     shares = ((one, _calc_share_on_field(boundary, plane, one[1])) for one in left)
-    return [OpenJob(*one, share) for one, share in shares if share is not None]
+    return [InterruptedJob(*one, share) for one, share in shares if share is not None]
 
 
 def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:

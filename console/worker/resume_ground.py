@@ -27,7 +27,7 @@ EMPTY_RASTER = Raster(0.0, 0.0, MAX_CELL_M, np.zeros((1, 1), dtype=np.bool_))
 Spot = tuple[float, float, float, float]
 
 
-class DoneGround:
+class WorkedGroundRecord:
     """Grows with the ticks. `before` is the ground that an earlier part of the job has finished."""
 
     def __init__(

@@ -12,11 +12,11 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from topdress.console.frame import Tally
+from topdress.console.frame import JobCounts
 from topdress.console.worker import resume
 from topdress.console.worker.resume import Snapshot, drop_last_refill
 from topdress.console.worker.resume_alarms import AlarmHistory
-from topdress.console.worker.resume_ground import DoneGround
+from topdress.console.worker.resume_ground import WorkedGroundRecord
 from topdress.console.worker.resume_tail import SCALE_WINDOW_S
 from topdress.control.agronomy.reference_strips import parse_strip
 from topdress.control.field.totals import TotalSums
@@ -71,7 +71,7 @@ class SnapshotKeeper:
         self._quit = False
         self._log_path = started.log_path
         self._snapshot = started
-        self._done = DoneGround(machine, started.ground, started.track)
+        self._done = WorkedGroundRecord(machine, started.ground, started.track)
         self._book = AlarmHistory(started.alarms)
         self._last: LogRow | None = None
         # Distance along the track at that row, m.
@@ -230,10 +230,10 @@ class SnapshotKeeper:
         else:
             self._saved, self.trouble = True, ""
 
-    def _make_tally(self) -> Tally:
+    def _make_tally(self) -> JobCounts:
         """Return the tally for frames."""
         now = self._snapshot
-        return Tally(
+        return JobCounts(
             now.held_s,
             now.moves,
             now.refills,

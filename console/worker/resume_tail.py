@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from topdress.console.worker.resume import Refill, Snapshot, drop_last_refill
-from topdress.console.worker.resume_ground import DoneGround
+from topdress.console.worker.resume_ground import WorkedGroundRecord
 from topdress.control.field.totals import Totaliser
 from topdress.control.geodesy import Place, TangentPlane, offset_place
 from topdress.control.machine.fall import calc_drop_s
@@ -32,10 +32,10 @@ MEAN_UNLOGGED_S = 0.5 * FLUSH_PERIOD_S
 # The prediction ends after this time, s, whatever the machine file contains.
 MAX_RUN_ON_S = 30.0
 # Share of the former speed below which the shaft counts as standing.
-STANDSTILL_SPEED_SHARE = 0.02
+STANDSTILL_OF_FORMER_SPEED = 0.02
 
 
-class RunOnMoment(NamedTuple):
+class RunOnState(NamedTuple):
     """Holds a moment after the last row; `share` is the share of the last row's flow. With 0 only
     material in the air still lands."""
 
@@ -43,7 +43,7 @@ class RunOnMoment(NamedTuple):
     share: float
 
 
-def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[RunOnMoment]:
+def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[RunOnState]:
     """Yield the flow after the last row in steps of `RUN_ON_STEP_S`, until nothing lands any more.
 
     Parameters
@@ -66,12 +66,12 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
         )
         time_s += RUN_ON_STEP_S
         share = min(1.0, max(0.0, turned.rpm / shaft_rpm))
-        if share < STANDSTILL_SPEED_SHARE:
+        if share < STANDSTILL_OF_FORMER_SPEED:
             stood_s = time_s if stood_s is None else stood_s
             share = 0.0
             if time_s - stood_s > calc_drop_s(machine.fall, shaft_rpm):
                 return
-        yield RunOnMoment(time_s, share)
+        yield RunOnState(time_s, share)
 
 
 # Bytes read from the end of the log: minutes of rows at 20 Hz, and more than 20 s of rows full of
@@ -143,7 +143,7 @@ def add_log_tail(
     if not rows or snapshot.origin_deg is None:
         return snapshot
     way = _OutletWay(snapshot, TangentPlane(*snapshot.origin_deg), machine.geometry.antenna_m)
-    done = DoneGround(machine, snapshot.ground, snapshot.track)
+    done = WorkedGroundRecord(machine, snapshot.ground, snapshot.track)
     sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
     held_s, before_s = snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
     # Material that lands at the first row was released before it.
@@ -222,7 +222,7 @@ class _OutletWay:
 
 def _add_run_on(
     machine: Machine,
-    done: DoneGround,
+    done: WorkedGroundRecord,
     sums: Totaliser,
     way: _OutletWay,
     last: _TailRow,

@@ -35,7 +35,7 @@ LOCK_SETTLING_S = 2.0 * REWRITE_PERIOD_S
 YOUNG_LOCK_AGE_S = 2.0
 
 
-class WorkerRight:
+class WorkerLock:
     """Holds the right to be the worker of a run file: a lock on whatever file has the lock's
     name."""
 
@@ -91,7 +91,7 @@ def hold_right(
     path: Path,
     epoch_s: Callable[[], float] = day_clock.read_epoch_s,
     sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[WorkerRight]:
+) -> Iterator[WorkerLock]:
     """Hold the right to be the worker of this run file until the end of the block. The file of a
     worker that died is removed.
 
@@ -114,7 +114,7 @@ def hold_right(
     make_private_folder(path.parent)
     missing = not path.with_suffix(".lock").exists()
     lock = _wait_for_lock(path)
-    right = WorkerRight(path, lock, missing or _is_lock_young(lock, epoch_s()), sleep)
+    right = WorkerLock(path, lock, missing or _is_lock_young(lock, epoch_s()), sleep)
     try:
         _refuse_second_worker(path)
     except BlockingIOError:
@@ -131,7 +131,7 @@ class RunFileWriter(threading.Thread):
     """Writes the run file and keeps it intact: a file that somebody removed or damaged is written
     again within `REWRITE_PERIOD_S` by a thread, which also maintains the lock's file."""
 
-    def __init__(self, right: WorkerRight, port: int, token: str, log_path: str) -> None:
+    def __init__(self, right: WorkerLock, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
         started = day_clock.read_utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
         say = {

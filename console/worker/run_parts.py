@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from topdress.console.worker.resume_keeper import SnapshotKeeper
 
 
-class Bench(Protocol):
+class MachineDevices(Protocol):
     """Declares the devices of one machine. No method blocks."""
 
     def read_measurements(self, now_s: float) -> Measurements: ...
@@ -37,7 +37,7 @@ class Bench(Protocol):
 FRAME_FIELDS = tuple(name for name in Frame.__dataclass_fields__ if hasattr(Tick, name))
 
 
-class Writer(Protocol):
+class RunLogWriter(Protocol):
     """Declares a run log. `append` never touches the disk in the caller's thread; `trouble` is ""
     while rows reach the disk."""
 
@@ -64,11 +64,11 @@ class RunNames(NamedTuple):
     simulated: bool = False
 
 
-class Assembly(NamedTuple):
+class RunAssembly(NamedTuple):
     """Holds the parts of one run."""
 
-    bench: Bench
+    bench: MachineDevices
     loop: ControlLoop
-    writer: Writer
+    writer: RunLogWriter
     names: RunNames
     keeper: SnapshotKeeper | None = None

@@ -53,7 +53,7 @@ class FusionState(NamedTuple):
     heads: tuple[HeadState, ...] = ()
 
 
-class Fused(NamedTuple):
+class FusedNdvi(NamedTuple):
     """Holds the NDVI of all trusted heads (None when no head is left) and the heads that were
     left out.
 
@@ -80,7 +80,7 @@ def fuse_readings(
     readings: Sequence[Reading | None],
     time_s: float,
     limits: FusionLimits = DEFAULT_LIMITS,
-) -> tuple[FusionState, Fused]:
+) -> tuple[FusionState, FusedNdvi]:
     """Fuses the newest reading of each head, however old, into one NDVI.
 
     Parameters
@@ -111,7 +111,7 @@ def fuse_readings(
     trusted = [value for k, value in fresh.items() if not heads[k].dropped]
     disagreeing = tuple(k + 1 for k in fresh if heads[k].dropped)
     mute = tuple(k + 1 for k in silent)
-    fused = Fused(
+    fused = FusedNdvi(
         median(trusted) if trusted else None,
         len(trusted),
         tuple(sorted((*disagreeing, *mute))),

@@ -62,7 +62,7 @@ class GrowthStage(FrozenModel):
         return self
 
 
-class Growth(NamedTuple):
+class GrowthStageComparison(NamedTuple):
     """Compares the stage of the crop with the window of its rule, on the window's scale. The
     stage is None where it is not known."""
 
@@ -85,7 +85,7 @@ class Growth(NamedTuple):
 
 def assess_growth(
     window: GrowthWindow | None, seen: GrowthStage | None, days: int | None
-) -> Growth | None:
+) -> GrowthStageComparison | None:
     """Returns the stage on the scale of the window; None where the crop file has no window.
 
     Parameters
@@ -101,4 +101,4 @@ def assess_growth(
         stage = None if days is None else float(days)
     elif seen is not None and seen.scale == window.scale:
         stage = seen.stage
-    return Growth(window.scale, window.first, window.last, stage)
+    return GrowthStageComparison(window.scale, window.first, window.last, stage)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.reference_strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.agronomy.response import ResponseRule, calc_field_response
 from topdress.control.agronomy.yield_potential import YieldPotential
 
@@ -40,7 +40,7 @@ Why = Literal[
 ]
 
 
-class Decision(NamedTuple):
+class RateDecision(NamedTuple):
     """Holds a rate together with the numbers that it was calculated from.
 
     Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were
@@ -109,7 +109,7 @@ def _name_cutoff(ndvi: float, crop: Crop) -> Why:
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class CropRule:
     """Holds a crop with days and strips fixed for one field, so that a decision needs only the
     NDVI."""
 
@@ -129,9 +129,9 @@ class Rule:
     n_credit_kg_ha: float = 0.0
 
     @property
-    def strip_ndvi(self) -> Strips:
+    def strip_ndvi(self) -> ReferenceStrips:
         """Returns the NDVI of the two strips."""
-        return Strips(self.ndvi_nrich, self.ndvi_check)
+        return ReferenceStrips(self.ndvi_nrich, self.ndvi_check)
 
     @property
     def response_of_field(self) -> float | None:
@@ -156,13 +156,13 @@ class Rule:
             else self.response_of_field is not None
         )
 
-    def replace_strip(self, strip: StripValue) -> Rule:
+    def replace_strip(self, strip: StripMean) -> CropRule:
         """Returns the rule with a strip that was measured just now."""
         if strip.which == "nrich":
             return replace(self, ndvi_nrich=strip.ndvi)
         return replace(self, ndvi_check=strip.ndvi)
 
-    def decide_rate(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
+    def decide_rate(self, ndvi: float | None, zone_factor: float = 1.0) -> RateDecision:
         """Returns the rate for a canopy reading.
 
         Parameters
@@ -175,22 +175,22 @@ class Rule:
         crop = self.crop
         # A missing reading is no reading of zero: the caller applies the fallback rate.
         if ndvi is None or not math.isfinite(ndvi):
-            return Decision(0.0, "no_ndvi", None, None)
+            return RateDecision(0.0, "no_ndvi", None, None)
         if not self.is_ready:
-            return Decision(0.0, "no_strips", None, None)
+            return RateDecision(0.0, "no_strips", None, None)
         if not zone_factor > 0.0:
-            return Decision(0.0, "no_zone", None, None)
+            return RateDecision(0.0, "no_zone", None, None)
         if not crop.grades:
             if crop.ndvi_min <= ndvi <= crop.ndvi_top:
                 return self._taper_rate(self._decide_from_reading(ndvi, None, zone_factor), ndvi)
-            return Decision(0.0, _name_cutoff(ndvi, crop), None, None)
+            return RateDecision(0.0, _name_cutoff(ndvi, crop), None, None)
         grade, used = grade_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
             # Grade 0 lies outside of the NDVI range.
-            return Decision(0.0, _name_cutoff(ndvi, crop), 0, None)
+            return RateDecision(0.0, _name_cutoff(ndvi, crop), 0, None)
         return self._decide_from_reading(used, grade, zone_factor)
 
-    def _taper_rate(self, decision: Decision, ndvi: float) -> Decision:
+    def _taper_rate(self, decision: RateDecision, ndvi: float) -> RateDecision:
         """Reduces the rate linearly to 0 over `taper_ndvi` at both ends of the NDVI range.
 
         Towards bare soil and towards a dense canopy a reading says less and less. In place of a
@@ -206,7 +206,9 @@ class Rule:
             rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi)
         )
 
-    def _decide_from_reading(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
+    def _decide_from_reading(
+        self, ndvi: float, grade: int | None, zone_factor: float
+    ) -> RateDecision:
         curve = self.crop.yield_potential
         if curve is None:
             return self._decide_from_sufficiency(ndvi, grade, zone_factor)
@@ -214,7 +216,7 @@ class Rule:
 
     def _decide_from_sufficiency(
         self, ndvi: float, grade: int | None, zone_factor: float
-    ) -> Decision:
+    ) -> RateDecision:
         crop, rich = self.crop, self.ndvi_nrich
         # The crop file's own check and is_ready guarantee these values.
         assert crop.sufficiency is not None and rich is not None
@@ -223,7 +225,7 @@ class Rule:
             index, zone_factor, self.n_given_kg_ha + self.n_credit_kg_ha
         )
         rate, why = self._limit_need(n_kg_ha / crop.product_n_fraction)
-        return Decision(rate, why, grade, ndvi, sufficiency_index=index)
+        return RateDecision(rate, why, grade, ndvi, sufficiency_index=index)
 
     def _limit_need(self, need_kg_ha: float) -> tuple[float, Why]:
         least, most = self.crop.min_rate_kg_ha, self.crop.max_rate_kg_ha
@@ -235,7 +237,7 @@ class Rule:
 
     def _decide_from_yields(
         self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float
-    ) -> Decision:
+    ) -> RateDecision:
         crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
         # `prepare_rule` and the crop file's own check guarantee these values.
         assert days is not None and most is not None
@@ -264,7 +266,7 @@ class Rule:
             # Credited nitrogen becomes product before it is subtracted.
             need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction
         )
-        return Decision(rate, why, grade, ndvi, index, without, with_n, response)
+        return RateDecision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
 def prepare_rule(
@@ -275,7 +277,7 @@ def prepare_rule(
     response_rule: ResponseRule | None = None,
     n_given_kg_ha: float = 0.0,
     n_credit_kg_ha: float = 0.0,
-) -> Rule:
+) -> CropRule:
     """Returns the rule of a crop for one field. Arguments that are given override the crop
     file's own values.
 
@@ -314,7 +316,7 @@ def prepare_rule(
     for name, ndvi in (("ndvi_nrich", ndvi_nrich), ("ndvi_check", ndvi_check)):
         if ndvi is not None and not 0.0 < ndvi <= 1.0:
             raise ValueError(f"crop {crop.id}: {name} {ndvi:g}: allowed is above 0, at most 1")
-    return Rule(
+    return CropRule(
         crop,
         None if crop.yield_potential is None else days,
         ndvi_nrich,
@@ -375,7 +377,7 @@ def make_rate_table(
 _EDGE = 1e-9
 
 
-class Graded(NamedTuple):
+class NdviGrade(NamedTuple):
     """Holds one of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero
     grade.
 
@@ -387,7 +389,9 @@ class Graded(NamedTuple):
     ndvi: float | None
 
 
-def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
+def grade_ndvi(
+    ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05
+) -> NdviGrade:
     """Returns the grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`;
     elsewhere grade 0 (paper A, section 2.1 (5)).
 
@@ -397,10 +401,10 @@ def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float 
     if width <= 0.0:
         raise ValueError(f"grade width {width:g}: allowed is above 0")
     if not low + _EDGE < ndvi <= high + _EDGE:
-        return Graded(0, None)
+        return NdviGrade(0, None)
     # The ceiling makes the upper edge belong to its grade.
     grade = math.ceil((ndvi - low) / width - _EDGE / width)
-    return Graded(grade, min(low + grade * width, high))
+    return NdviGrade(grade, min(low + grade * width, high))
 
 
 def list_grade_edges(

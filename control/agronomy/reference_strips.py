@@ -21,14 +21,14 @@ ENOUGH_N_SUFFICIENCY = 0.95
 MAX_PLAUSIBLE_RESPONSE_INDEX = 3.0
 
 
-class Strips(NamedTuple):
+class ReferenceStrips(NamedTuple):
     """Holds the NDVI of the newest pass over each strip; None where a strip is not measured."""
 
     nrich: float | None = None
     check: float | None = None
 
 
-def calc_measured_index(strips: Strips) -> float | None:
+def calc_measured_index(strips: ReferenceStrips) -> float | None:
     """Returns the ratio of N-rich strip to farmer check as measured, without cap and line; None
     where a strip is missing."""
     if strips.nrich is None or strips.check is None:
@@ -36,7 +36,7 @@ def calc_measured_index(strips: Strips) -> float | None:
     return strips.nrich / strips.check
 
 
-def find_index_doubt(strips: Strips) -> Doubt:
+def find_index_doubt(strips: ReferenceStrips) -> Doubt:
     """Returns why the measured index is not plausible; "" where it is."""
     index = calc_measured_index(strips)
     if index is None or INDEX_OF_NO_RESPONSE <= index <= MAX_PLAUSIBLE_RESPONSE_INDEX:
@@ -44,7 +44,7 @@ def find_index_doubt(strips: Strips) -> Doubt:
     return "below_1" if index < INDEX_OF_NO_RESPONSE else "above_3"
 
 
-class StripValue(NamedTuple):
+class StripMean(NamedTuple):
     """Holds the measured NDVI of a strip, the standard error of the mean and the number of
     readings. NDVI None removes an earlier measurement."""
 
@@ -63,12 +63,12 @@ class StripValue(NamedTuple):
         return f"{self.which} {self.ndvi:.4f}{more}"
 
 
-def parse_strip(text: object) -> StripValue | None:
-    """Reads the words that `StripValue.event_text` writes; None where they are malformed or the
+def parse_strip(text: object) -> StripMean | None:
+    """Reads the words that `StripMean.event_text` writes; None where they are malformed or the
     NDVI is not in (0, 1]."""
     words = text.split() if isinstance(text, str) else []
     if words[1:] == [NO_STRIP] and words[0] in ("nrich", "check"):
-        return StripValue("nrich" if words[0] == "nrich" else "check", None)
+        return StripMean("nrich" if words[0] == "nrich" else "check", None)
     if len(words) not in (2, 4) or words[0] not in ("nrich", "check"):
         return None
     try:
@@ -83,4 +83,4 @@ def parse_strip(text: object) -> StripValue | None:
         or (se is not None and not (math.isfinite(se) and se >= 0.0))
     ):
         return None
-    return StripValue("nrich" if words[0] == "nrich" else "check", ndvi, se, samples)
+    return StripMean("nrich" if words[0] == "nrich" else "check", ndvi, se, samples)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-from topdress.control.agronomy.reference_strips import Strips, calc_measured_index
+from topdress.control.agronomy.reference_strips import ReferenceStrips, calc_measured_index
 from topdress.control.frozen_model import FrozenModel
 
 ResponseRule = Literal["paper", "field"]
@@ -44,7 +44,9 @@ class HarvestLine(FrozenModel):
         return self
 
 
-def calc_field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
+def calc_field_response(
+    strips: ReferenceStrips, cap: float, line: HarvestLine | None
+) -> float | None:
     """Returns the response index of the field that the yield with topdressing is calculated
     with; None where a strip is missing.
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 FREQUENCIES_HZ = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 
-class Evenness(NamedTuple):
+class ReadingUniformity(NamedTuple):
     """Holds the uniformity of one stretch of readings, in percent; NaN where the mean is not
     above zero."""
 
@@ -61,11 +61,11 @@ def calc_cuc_percent(values: npt.ArrayLike) -> float:
     return float(100.0 * (1.0 - np.abs(w - w.mean()).sum() / w.sum()))
 
 
-def measure_evenness(values: npt.ArrayLike) -> Evenness:
+def measure_evenness(values: npt.ArrayLike) -> ReadingUniformity:
     """Returns count, mean, CV and C_uc of readings (n,); values that are not finite are left
     out."""
     w = _select_finite(values)
-    return Evenness(
+    return ReadingUniformity(
         w.size, float(w.mean()) if w.size else float("nan"), calc_cv_percent(w), calc_cuc_percent(w)
     )
 
@@ -91,7 +91,7 @@ def subsample_readings(
 
 def tabulate_frequencies(
     values: npt.ArrayLike, source_hz: float = 2.0, frequencies_hz: Sequence[float] = FREQUENCIES_HZ
-) -> dict[float, Evenness]:
+) -> dict[float, ReadingUniformity]:
     """Returns the uniformity at each sampling frequency of readings (n,) taken at `source_hz`: a
     column of paper A's table 1."""
     return {
@@ -108,7 +108,7 @@ class FrequencyChoice(NamedTuple):
 
 
 def choose_frequency(
-    plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.0
+    plots: Sequence[Mapping[float, ReadingUniformity]], raw_hz: float = 2.0
 ) -> FrequencyChoice:
     """Chooses the sampling frequency that changes the statistics of the canopy least (paper A,
     section 1.2).

@@ -29,7 +29,7 @@ CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)
 EveryDay = Literal["every_day"]
 
 
-class YieldSet(NamedTuple):
+class PublishedYieldCurve(NamedTuple):
     """Holds a published curve a exp(b INSEY), the day rule that it was fitted with, and the
     harvest line of its row."""
 
@@ -46,8 +46,8 @@ class YieldSet(NamedTuple):
     line: HarvestLine | None = None
 
 
-YIELD_SETS: dict[str, YieldSet] = {
-    "huanghai_2015": YieldSet(
+PUBLISHED_YIELD_CURVES: dict[str, PublishedYieldCurve] = {
+    "huanghai_2015": PublishedYieldCurve(
         0.359,
         324.4,
         0.0,
@@ -57,51 +57,51 @@ YIELD_SETS: dict[str, YieldSet] = {
         "the yield comes out lower and the rate higher",
         only_crop="huanghai_wheat",
     ),
-    "osu_winter_wheat_2002": YieldSet(
+    "osu_winter_wheat_2002": PublishedYieldCurve(
         0.344, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2002: 4 years, 22 sites"
     ),
-    "osu_winter_wheat_2003": YieldSet(
+    "osu_winter_wheat_2003": PublishedYieldCurve(
         0.500, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2003: 5 years, 26 sites"
     ),
-    "osu_winter_wheat_2004": YieldSet(
+    "osu_winter_wheat_2004": PublishedYieldCurve(
         0.359, 324.4, 4.4, OSU_LIBRARY + ", dryland winter wheat 2004: 6 years, 30 sites"
     ),
-    "osu_winter_wheat_2005": YieldSet(
+    "osu_winter_wheat_2005": PublishedYieldCurve(
         0.522,
         274.7,
         4.4,
         OSU_LIBRARY + ", dryland winter wheat 2005: 7 years, 34 sites",
         line=WHEAT_LINE,
     ),
-    "osu_winter_wheat_2006": YieldSet(
+    "osu_winter_wheat_2006": PublishedYieldCurve(
         0.532,
         270.1,
         4.4,
         OSU_LIBRARY + ", dryland winter wheat 2006: 8 years, 38 sites",
         line=WHEAT_LINE,
     ),
-    "osu_winter_wheat_2007": YieldSet(
+    "osu_winter_wheat_2007": PublishedYieldCurve(
         0.590,
         258.2,
         4.4,
         OSU_LIBRARY + ", dryland winter wheat 2007: 9 years, 43 sites",
         line=WHEAT_LINE,
     ),
-    "osu_durum_2006": YieldSet(
+    "osu_durum_2006": PublishedYieldCurve(
         0.322,
         211.5,
         4.4,
         OSU_LIBRARY + ", dryland and irrigated durum wheat 2006: 2 years, 4 sites",
         line=WHEAT_LINE,
     ),
-    "osu_wheat_southern_australia_2006": YieldSet(
+    "osu_wheat_southern_australia_2006": PublishedYieldCurve(
         1.800,
         85.0,
         4.4,
         OSU_LIBRARY + ", rainfed wheat, southern Australia 2006 (D. Cox): 1 year, 1 site",
         line=WHEAT_LINE,
     ),
-    "osu_wheat_eastern_australia_2006": YieldSet(
+    "osu_wheat_eastern_australia_2006": PublishedYieldCurve(
         0.580,
         244.94,
         4.4,
@@ -113,13 +113,13 @@ YIELD_SETS: dict[str, YieldSet] = {
     # three rows give 10 to 15 t/ha at NDVI 0.7 after 50 days. And its authors say that INSEY is
     # NDVI over the days from planting to sensing
     # (nue.okstate.edu/Algorithm/Algorithm_Outline.htm; Teal et al. 2005).
-    "osu_corn_irrigated_2003": YieldSet(
+    "osu_corn_irrigated_2003": PublishedYieldCurve(
         2.3329, 132.46, "every_day", OSU_LIBRARY + ", irrigated corn 2003"
     ),
-    "osu_corn_dryland_2003": YieldSet(
+    "osu_corn_dryland_2003": PublishedYieldCurve(
         1.633, 132.46, "every_day", OSU_LIBRARY + ", dryland corn 2003"
     ),
-    "osu_corn_2004": YieldSet(
+    "osu_corn_2004": PublishedYieldCurve(
         1.565,
         154.7,
         "every_day",
@@ -138,20 +138,20 @@ def describe_day_rule(base_temp_c: float | EveryDay) -> str:
     )
 
 
-_KEYS_FIXED_BY_SET = ("a_t_ha", "b_days", "base_temp_c", "source")
+_KEYS_FIXED_BY_CURVE = ("a_t_ha", "b_days", "base_temp_c", "source")
 
 
 def _allow_either_in_schema(schema: dict[str, Any]) -> None:
     schema["required"] = []
-    schema["anyOf"] = [{"required": ["set"]}, {"required": list(_KEYS_FIXED_BY_SET)}]
-    schema["properties"]["set"]["enum"] = [*YIELD_SETS, None]
+    schema["anyOf"] = [{"required": ["set"]}, {"required": list(_KEYS_FIXED_BY_CURVE)}]
+    schema["properties"]["set"]["enum"] = [*PUBLISHED_YIELD_CURVES, None]
 
 
 class YieldPotential(FrozenModel):
     """Holds the yield without topdressing, a exp(b NDVI / D) in t/ha, and the rule by which the
     D days are counted.
 
-    Written as `{set: NAME}` with a name of YIELD_SETS, or as all of `a_t_ha`, `b_days`,
+    Written as `{set: NAME}` with a name of PUBLISHED_YIELD_CURVES, or as all of `a_t_ha`, `b_days`,
     `base_temp_c` and `source`. After validation all four hold values in either case. Anything
     in between is refused."""
 
@@ -175,18 +175,20 @@ class YieldPotential(FrozenModel):
             return data
         name = data.get("set")
         if name is None:
-            missing = [key for key in _KEYS_FIXED_BY_SET if data.get(key) is None]
+            missing = [key for key in _KEYS_FIXED_BY_CURVE if data.get(key) is None]
             if missing:
                 raise ValueError(
                     f"{', '.join(missing)} missing: allowed is a set "
-                    f"({', '.join(YIELD_SETS)}), or all of "
-                    f"{', '.join(_KEYS_FIXED_BY_SET)} from one source"
+                    f"({', '.join(PUBLISHED_YIELD_CURVES)}), or all of "
+                    f"{', '.join(_KEYS_FIXED_BY_CURVE)} from one source"
                 )
             return data
-        if name not in YIELD_SETS:
-            raise ValueError(f"set {name!r} is not known: allowed are {', '.join(YIELD_SETS)}")
-        own = {key: getattr(YIELD_SETS[name], key) for key in _KEYS_FIXED_BY_SET}
-        for key in _KEYS_FIXED_BY_SET:
+        if name not in PUBLISHED_YIELD_CURVES:
+            raise ValueError(
+                f"set {name!r} is not known: allowed are {', '.join(PUBLISHED_YIELD_CURVES)}"
+            )
+        own = {key: getattr(PUBLISHED_YIELD_CURVES[name], key) for key in _KEYS_FIXED_BY_CURVE}
+        for key in _KEYS_FIXED_BY_CURVE:
             if key in data and data[key] != own[key]:
                 raise ValueError(
                     f"{key} {data[key]!r} contradicts set {name}, which brings "
@@ -199,7 +201,7 @@ class YieldPotential(FrozenModel):
     def _check_day_rule(self) -> Self:
         if self.set is not None:
             return self
-        for name, known in YIELD_SETS.items():
+        for name, known in PUBLISHED_YIELD_CURVES.items():
             same_curve = (
                 abs(self.a_t_ha - known.a_t_ha) < 1e-9 and abs(self.b_days - known.b_days) < 1e-9
             )
@@ -214,15 +216,15 @@ class YieldPotential(FrozenModel):
     @property
     def warning(self) -> str:
         """Returns the known fault of the set; empty where it has none."""
-        return YIELD_SETS[self.set].warning if self.set is not None else ""
+        return PUBLISHED_YIELD_CURVES[self.set].warning if self.set is not None else ""
 
     @property
     def response_line(self) -> HarvestLine | None:
         """Returns the harvest line of the set; None where it has none, or the constants are
         written out."""
-        return YIELD_SETS[self.set].line if self.set is not None else None
+        return PUBLISHED_YIELD_CURVES[self.set].line if self.set is not None else None
 
     @property
     def only_crop(self) -> str:
         """Returns the id of the only crop that may use this set; empty: any."""
-        return YIELD_SETS[self.set].only_crop if self.set is not None else ""
+        return PUBLISHED_YIELD_CURVES[self.set].only_crop if self.set is not None else ""

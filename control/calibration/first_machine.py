@@ -11,22 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD_EVENT
 
 Array = npt.NDArray[np.float64]
 
 MIN_ROWS = 10
 # Share of rows with another command in a log that holds one settled answer in each row.
-SETTLED_ROWS_SHARE = 0.5
+CHANGED_COMMAND_ROW_SHARE = 0.5
 # Least distance of such rows, s.
 SETTLED_STEP_S = 0.5
 # Share of an answer that comes after the first row of its command: above it the drive had not
 # settled.
-UNSETTLED_SHARE = 0.5
+MAX_LATE_ANSWER_SHARE = 0.5
 # First digits of round full speeds.
 ROUND_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)
 # Noise as a share of full speed where a log shows none.
-MIN_NOISE_SHARE = 1e-3
+DEFAULT_NOISE_OF_FULL_SPEED = 1e-3
 # First candidate time, s, and the ratios of neighbouring candidates of time constant and dead time.
 FIRST_TIME_S, TAU_RATIO, DEAD_RATIO = 0.005, 1.334, 1.454
 # Longest candidates as a share of the log: a longer time does not settle within it.
@@ -44,11 +44,11 @@ TURNING_SD = 6.0
 # Standard deviations by which a drive's line must miss a standstill at 0 to be examined.
 ZERO_OFFSET_SD = 3.0
 # Share of settled rows that turn against their command; outliers are fewer.
-OPPOSITE_ROWS_SHARE = 0.01
+MIN_OPPOSITE_TURN_ROW_SHARE = 0.01
 # Share of the commands over which a drive's line is straight although it bends higher up.
-LOW_COMMAND_SHARE = 1.0 / 3.0
+STRAIGHT_COMMAND_SHARE = 1.0 / 3.0
 # Commands below this share of the largest count as 0.
-ZERO_COMMAND_SHARE = 0.02
+ZERO_OF_LARGEST_COMMAND = 0.02
 # Time constants until a drive has settled, to exp(-5) < 0.01.
 SETTLING_TAUS = 5.0
 
@@ -110,7 +110,7 @@ def suggest_machine(columns: Mapping[str, npt.NDArray[Any]]) -> MachineSuggestio
     ValueError : in one line, where a column is missing or has fewer than 10 rows."""
     time_s, command, reading = _select_known_rows(columns)
     events = columns.get("events", np.empty(0, object))
-    held = any(COMMANDS_HELD in str(text) for text in events)
+    held = any(COMMANDS_HELD_EVENT in str(text) for text in events)
     settled = (held or is_command_per_row(time_s, command)) and not is_still_moving(
         command, reading
     )
@@ -120,7 +120,7 @@ def suggest_machine(columns: Mapping[str, npt.NDArray[Any]]) -> MachineSuggestio
     dead_s, tau_s = (
         (0.0, 0.0) if settled else fit_response_times(time_s, command, reading) or (None, None)
     )
-    noise_rpm = max(calc_reading_noise(command, reading), MIN_NOISE_SHARE * most)
+    noise_rpm = max(calc_reading_noise(command, reading), DEFAULT_NOISE_OF_FULL_SPEED * most)
     neutral = (
         None
         if dead_s is None or tau_s is None
@@ -174,11 +174,11 @@ def find_zero_offset(
     through them, and by readings with the opposite sign of their command."""
     rows = find_rows_at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
-    if rows.sum() < MIN_ROWS or np.ptp(asked) <= ZERO_COMMAND_SHARE * np.max(np.abs(asked)):
+    if rows.sum() < MIN_ROWS or np.ptp(asked) <= ZERO_OF_LARGEST_COMMAND * np.max(np.abs(asked)):
         return NO_ZERO_OFFSET
     slope, level_rpm = (float(one) for one in np.polyfit(asked, read, 1))
     against = np.mean(np.sign(asked) * read < -TURNING_SD * noise_rpm)
-    passed = bool(slope < 0.0 or against > OPPOSITE_ROWS_SHARE)
+    passed = bool(slope < 0.0 or against > MIN_OPPOSITE_TURN_ROW_SHARE)
     way = 1.0 if asked.mean() > 0.0 else -1.0
     return ZeroOffset(
         level_rpm, slope, passed or way * level_rpm > ZERO_OFFSET_SD * noise_rpm, passed
@@ -196,14 +196,16 @@ def find_neutral_point(
         return None
     rows = find_rows_at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
-    zero = np.abs(asked) <= ZERO_COMMAND_SHARE * np.max(np.abs(asked))
+    zero = np.abs(asked) <= ZERO_OF_LARGEST_COMMAND * np.max(np.abs(asked))
     zero_turns = bool(zero.any() and np.median(np.abs(read[zero])) > TURNING_SD * noise_rpm)
     turns = [way * read > TURNING_SD * noise_rpm for way in (1.0, -1.0)]
     if of_zero.passed:
         parts = [one for one in turns if one.sum() >= MIN_ROWS and np.ptp(asked[one]) > 0.0]
     else:
         parts = (
-            [np.abs(asked) <= np.quantile(np.abs(asked), LOW_COMMAND_SHARE)] if zero_turns else []
+            [np.abs(asked) <= np.quantile(np.abs(asked), STRAIGHT_COMMAND_SHARE)]
+            if zero_turns
+            else []
         )
     lines = [np.polyfit(asked[one], read[one], 1) for one in parts]
     found = [-float(level) / float(slope) for slope, level in lines if slope != 0.0]
@@ -214,7 +216,7 @@ def is_command_per_row(time_s: Array, command: Array) -> bool:
     """Returns whether nearly every row (n,) has another command, far apart in time: a staircase
     with a row for each step."""
     return bool(
-        np.mean(np.diff(command) != 0.0) > SETTLED_ROWS_SHARE
+        np.mean(np.diff(command) != 0.0) > CHANGED_COMMAND_ROW_SHARE
         and np.median(np.diff(time_s)) >= SETTLED_STEP_S
     )
 
@@ -230,7 +232,7 @@ def is_still_moving(command: Array, reading: Array) -> bool:
         return False
     way = np.sign(command[first] - command[first - 1])
     at_once, in_all = (float(way @ (reading[to] - reading[first])) for to in (first + 1, last))
-    return in_all - at_once > UNSETTLED_SHARE * in_all
+    return in_all - at_once > MAX_LATE_ANSWER_SHARE * in_all
 
 
 def round_up(most: float) -> float:

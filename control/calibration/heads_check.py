@@ -21,7 +21,7 @@ MIN_BLOCKS = 6
 # Least number of heads: a median of two blames both.
 MIN_HEADS = 3
 # Smaller differences are usual between clean heads on a crop, %.
-FOULED_PERCENT = 1.5
+FOULED_HEAD_DIFFERENCE_PERCENT = 1.5
 # Bare ground below this NDVI shows no gain.
 MIN_NDVI = 0.1
 
@@ -124,7 +124,7 @@ def _fit_head(
         slope,
         offset,
         len(own),
-        abs(gain) > sure and abs(percent.value) > FOULED_PERCENT,
+        abs(gain) > sure and abs(percent.value) > FOULED_HEAD_DIFFERENCE_PERCENT,
     )
 
 
@@ -138,7 +138,9 @@ def _write_notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ..
             "them all and drive again"
         )
     if not fouled:
-        notes.append(f"no head is off by more than {FOULED_PERCENT:g} % for certain")
+        notes.append(
+            f"no head is off by more than {FOULED_HEAD_DIFFERENCE_PERCENT:g} % for certain"
+        )
     if any(head.slope is None for head in heads):
         notes.append("the canopy is too even to tell gain from offset")
     return tuple(notes)

@@ -18,7 +18,7 @@ from .least_squares import FittedInterval, fit_linear
 # Rounded speeds at the ends of the range must still count as inside, r/min.
 _RANGE_TOLERANCE_RPM = 1e-6
 # Greatest start_more_per_rpm that the machine file allows.
-MAX_START_MORE = 0.1
+MAX_START_MORE_PER_RPM = 0.1
 # Number of shaft speeds over the line's range at which the start is compared.
 START_FIT_SPEEDS = 7
 
@@ -259,6 +259,9 @@ def fit_start_more_per_rpm(machine: Machine, fall: Fall) -> float:
 
     return float(
         minimize_scalar(
-            off, bounds=(0.0, min(most, MAX_START_MORE)), method="bounded", options={"xatol": 1e-6}
+            off,
+            bounds=(0.0, min(most, MAX_START_MORE_PER_RPM)),
+            method="bounded",
+            options={"xatol": 1e-6},
         ).x
     )

@@ -20,7 +20,7 @@ from .bench_table import Array, BenchTable, select_usable_rows
 from .least_squares import FittedInterval
 
 # Candidate shares of the pace that the stream sets.
-CANDIDATE_SHARES = np.linspace(0.0, 1.0, 11)
+CANDIDATE_STREAM_SHARES = np.linspace(0.0, 1.0, 11)
 MIN_ROWS = 3
 # Standard deviation of the line of starts, s: lag table 3, 70 rows of 0.06 s.
 START_LINE_SD_S = 0.010
@@ -29,7 +29,7 @@ MIN_SCATTER_S = 0.005
 # Beyond this distance from every share, standard deviations, the table belongs to another machine.
 MAX_DISTANCE_SD = 4.0
 # Least standard deviation of the share in the machine file.
-MIN_SHARE_SD = 0.02
+MIN_STREAM_SHARE_SD = 0.02
 # Probability inside the interval.
 INTERVAL_PROBABILITY = 0.9
 
@@ -67,9 +67,9 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
             "above 0, drop_s "
             f"or lag_s): at least {MIN_ROWS} are needed to settle the tube"
         )
-    by_share = [set_carried_share(machine, share) for share in CANDIDATE_SHARES.tolist()]
+    by_share = [set_carried_share(machine, share) for share in CANDIDATE_STREAM_SHARES.tolist()]
     steps = sorted(set(zip(before.tolist(), after.tolist(), strict=True)))
-    chi2, off = np.zeros(len(CANDIDATE_SHARES)), np.full(len(CANDIDATE_SHARES), 0.0)
+    chi2, off = np.zeros(len(CANDIDATE_STREAM_SHARES)), np.full(len(CANDIDATE_STREAM_SHARES), 0.0)
     scatter = _calc_scatter_s(before, after, drops)
     for one in steps:
         rows = (before == one[0]) & (after == one[1])
@@ -87,12 +87,12 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
         )
     weight = np.exp(-0.5 * (chi2 - chi2[best]))
     weight /= weight.sum()
-    share = float(weight @ CANDIDATE_SHARES)
-    sd = max(MIN_SHARE_SD, float(np.sqrt(weight @ (CANDIDATE_SHARES - share) ** 2)))
+    share = float(weight @ CANDIDATE_STREAM_SHARES)
+    sd = max(MIN_STREAM_SHARE_SD, float(np.sqrt(weight @ (CANDIDATE_STREAM_SHARES - share) ** 2)))
     below, above = np.interp(
         [0.5 - 0.5 * INTERVAL_PROBABILITY, 0.5 + 0.5 * INTERVAL_PROBABILITY],
         np.cumsum(weight),
-        CANDIDATE_SHARES,
+        CANDIDATE_STREAM_SHARES,
     ).tolist()
     interval = FittedInterval(round(share, 2), below, above)
     settled = set_carried_share(machine, interval.value)

@@ -21,9 +21,9 @@ from topdress.control.machine.machine import (
 from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 
 # Ratio of a trial threshold to the next lower one.
-THRESHOLD_RATIO = 1.25
+TRIAL_THRESHOLD_RATIO = 1.25
 # Share of the highest shaft speed below which the shaft is commanded to stand.
-MIN_THRESHOLD_SHARE = 0.01
+STANDING_SHAFT_SPEED_SHARE = 0.01
 
 
 class FoundBy(Enum):
@@ -169,8 +169,10 @@ def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, 
     A threshold below the lowest command shows nowhere.
     """
     found: list[float] = []
-    least = max(machine.limits.shaft_low_rpm, MIN_THRESHOLD_SHARE * machine.limits.shaft_high_rpm)
-    while (lowest_rpm := lowest_rpm / THRESHOLD_RATIO) > least:
+    least = max(
+        machine.limits.shaft_low_rpm, STANDING_SHAFT_SPEED_SHARE * machine.limits.shaft_high_rpm
+    )
+    while (lowest_rpm := lowest_rpm / TRIAL_THRESHOLD_RATIO) > least:
         found.insert(0, lowest_rpm)
     return tuple(found)
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from topdress.control.diagnosis.dataframe_input import load_machine
 from topdress.control.diagnosis.effects import EFFECT_ROWS, find_size_range
-from topdress.control.machine.fault_injection import PlantedEffect
+from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import (
@@ -188,11 +188,11 @@ def check_adoptable(cause: Cause) -> None:
         )
 
 
-def make_planted_effects(machine: Machine, diagnosis: Diagnosis) -> tuple[PlantedEffect, ...]:
+def make_planted_effects(machine: Machine, diagnosis: Diagnosis) -> tuple[InjectedEffect, ...]:
     """Return the adoptable causes as effects of a simulated `machine`, added to those of its
     file."""
     return tuple(
-        PlantedEffect(c.id, _calc_total_size(machine, c), 0.0, c.member)
+        InjectedEffect(c.id, _calc_total_size(machine, c), 0.0, c.member)
         for c in list_adoptable_causes(diagnosis)
     )
 

@@ -33,7 +33,7 @@ class Experiment(NamedTuple, Generic[Readings]):
     predict: Callable[[Machine], Readings]
 
 
-class ChosenTest(NamedTuple):
+class ChosenExperiments(NamedTuple):
     """Holds the chosen experiments, which pairs (pairs,) they settle, and the least separation
     of a settled pair, standard deviations; None: no test settles any."""
 
@@ -46,7 +46,7 @@ class ChosenTest(NamedTuple):
 
 def choose_experiments(
     apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
-) -> ChosenTest:
+) -> ChosenExperiments:
     """Chooses at most `most` experiments, those that settle most pairs a minute.
 
     Parameters
@@ -75,7 +75,7 @@ def choose_experiments(
         for row, still in zip(apart_sd, waiting, strict=True)
         if not still
     ]
-    return ChosenTest(tuple(picked), ~waiting, min(clear, default=None))
+    return ChosenExperiments(tuple(picked), ~waiting, min(clear, default=None))
 
 
 def join_list(values: Sequence[float]) -> str:

@@ -24,7 +24,7 @@ Columns = dict[str, npt.NDArray[Any]]
 # Sample time of the predicted logs, s.
 LOG_STEP_S = 0.5
 # Share of the supply voltage that is lost while the engine idles.
-IDLING_SHARE = 1.2 / 13.5
+IDLING_SUPPLY_LOSS_SHARE = 1.2 / 13.5
 # Mass in the hopper at first, and mass of a refill, on the nominal machine, kg.
 INITIAL_KG, REFILL_KG = 260.0, 150.0
 
@@ -164,4 +164,6 @@ def _predict_log(
 
 def _alternate_supply_v(time: Array, nominal_v: float) -> Array:
     """Alternates between the supply voltage at rated engine speed and when idling."""
-    return np.where(np.floor(time / 90.0) % 2 < 1, nominal_v, nominal_v - IDLING_SHARE * nominal_v)
+    return np.where(
+        np.floor(time / 90.0) % 2 < 1, nominal_v, nominal_v - IDLING_SUPPLY_LOSS_SHARE * nominal_v
+    )

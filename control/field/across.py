@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
@@ -35,7 +35,9 @@ class WidthError(NamedTuple):
     samples: int
 
 
-def measure_width_error(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> WidthError | None:
+def measure_width_error(
+    rule: CropRule, machine: Machine, heads: npt.ArrayLike
+) -> WidthError | None:
     """Measure the error of a single rate from NDVI of the heads (samples, heads), left to right,
     NaN for a silent head; None where no sample has two valid heads."""
     ndvi = np.asarray(heads, dtype=np.float64)

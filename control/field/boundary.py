@@ -21,7 +21,7 @@ Floats = npt.NDArray[np.float64]
 # Minimum margin, m: thinner margins are lost in the rounding of polygons.
 _MIN_MARGIN_M = 0.001
 # Number of corners up to which plain Python is faster than numpy's calls.
-_FEW_CORNERS = 24
+_MAX_PLAIN_PYTHON_CORNERS = 24
 
 
 class Boundary:
@@ -57,7 +57,7 @@ class Boundary:
         self._next = _index_next_corners([len(ring) for ring in rings])
         self._few = (
             list(zip(self._east.tolist(), self._north.tolist(), self._next.tolist(), strict=True))
-            if len(self._next) <= _FEW_CORNERS
+            if len(self._next) <= _MAX_PLAIN_PYTHON_CORNERS
             else []
         )
 

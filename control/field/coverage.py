@@ -39,7 +39,7 @@ MAX_DISTANCE_M = 100_000.0
 MAX_RASTER_CELLS = 400_000_000
 
 
-class Covered(NamedTuple):
+class CoveredArea(NamedTuple):
     """Covered area of a run."""
 
     # Area with each position counted once, ha.
@@ -206,9 +206,9 @@ class Coverage:
         return False if len(self._strips) == 1 else (False,) * len(self._strips)
 
     @property
-    def covered_area(self) -> Covered:
+    def covered_area(self) -> CoveredArea:
         cell_ha = self.cell_m * self.cell_m / 10_000.0
-        return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
+        return CoveredArea(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
     def find_covered(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Tell which positions (n, 2) an earlier pass has covered: (n,). Ground that was just

@@ -21,24 +21,24 @@ Flowing = bool | Sequence[bool]
 PassedPlace = tuple[Place, float, Flowing]
 
 # Maximum length of a path without a position, m: 80 s at 1.25 m/s.
-MAX_WAY_M = 100.0
+MAX_UNLOCATED_PATH_M = 100.0
 # Length of the recorded pieces of such a path, m: at least a cell of the coverage.
 PIECE_LENGTH_M = 0.25
 # Distance between recorded positions along the path, m: below the maximum step of
 # `DoneGroundAhead`.
 STEP_LENGTH_M = 1.0
 # Slip of a trusted wheel as a share of the path, up to which wheel and positions agree.
-WHEEL_SLIP_SHARE = 0.1
+TRUSTED_WHEEL_SLIP_SHARE = 0.1
 # Standard deviation of a plain receiver's position, m.
 PLACE_SD_M = 2.0
 # Lateral deviation of an assumed straight path, as a share of its length, without a measured
 # course.
-COURSE_SD_SHARE = 0.05
+LATERAL_SD_OF_PATH = 0.05
 # Tangent of 30 degrees: a path that turns by more between two positions is unknown.
 MAX_TURN_TANGENT = 0.58
 
 
-class UnplacedWay:
+class UnlocatedPath:
     """A path from the last known position, with the material that landed along it."""
 
     def __init__(self, place: Place, heading_deg: float) -> None:
@@ -69,7 +69,7 @@ class UnplacedWay:
                 return None
         if (
             abs(calc_plane_distance_m(self._place, place) - self.way_m)
-            > PLACE_SD_M + WHEEL_SLIP_SHARE * self.way_m
+            > PLACE_SD_M + TRUSTED_WHEEL_SLIP_SHARE * self.way_m
         ):
             return None
         curve = _Curve(
@@ -87,7 +87,7 @@ class UnplacedWay:
         half their width of the true path."""
         return [
             (offset_place(self._place, self._heading_deg, way_m), self._heading_deg, flowing)
-            for way_m, flowing in self._iterate_steps(0.5 * width_m / COURSE_SD_SHARE)
+            for way_m, flowing in self._iterate_steps(0.5 * width_m / LATERAL_SD_OF_PATH)
         ]
 
     def _iterate_steps(self, most_m: float) -> Iterator[tuple[float, Flowing]]:
@@ -106,7 +106,7 @@ class GroundTrace:
         self.coverage = coverage
         # Last known position and heading.
         self._last: tuple[Place, float] | None = None
-        self._unplaced: UnplacedWay | None = None
+        self._unplaced: UnlocatedPath | None = None
 
     def pass_over(
         self, place: Place | None, heading_deg: float | None, flowing: Flowing, way_m: float
@@ -141,10 +141,10 @@ class GroundTrace:
 
     def _extend_unplaced(self, way_m: float, flowing: Flowing) -> None:
         if self._unplaced is None and self._last is not None:
-            self._unplaced = UnplacedWay(*self._last)
+            self._unplaced = UnlocatedPath(*self._last)
         if self._unplaced is None:
             return
-        if way_m < 0.0 or self._unplaced.way_m + way_m > MAX_WAY_M:
+        if way_m < 0.0 or self._unplaced.way_m + way_m > MAX_UNLOCATED_PATH_M:
             self._unplaced = self._last = None
             self._end_stretch()
             return

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.growth import GrowthStage
-from topdress.control.agronomy.noa import Rule, prepare_rule
+from topdress.control.agronomy.noa import CropRule, prepare_rule
 from topdress.control.agronomy.response import ResponseRule
 from topdress.control.field.boundary import Boundary
 from topdress.control.frozen_model import FrozenModel
@@ -413,7 +413,7 @@ class Job(FrozenModel):
         )
 
 
-def make_rule(crop: Crop, job: Job, days: int | None = None) -> Rule:
+def make_rule(crop: Crop, job: Job, days: int | None = None) -> CropRule:
     """Return the rule of a job's crop. days: counted growing days, used where the job has none.
     Raises ValueError as `prepare_rule` does."""
     return prepare_rule(

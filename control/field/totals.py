@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 # Share of the target from which material counts as arrived; a standing shaft reads up to 1 r/min,
 # some 1 % of it.
-ARRIVED_SHARE = 0.1
+ARRIVED_RATE_OF_TARGET = 0.1
 # Bin width of the rate histogram for C_uc, kg/ha; the error of C_uc is below this over the mean
 # rate.
 _BIN_KG_HA = 0.25
@@ -83,7 +83,7 @@ class MaterialArrival:
         """Tell whether a tick of work adds ground; with a target of 0 or none it does, although
         nothing is applied."""
         wanted = 0.0 if target_rate_kg_ha is None else target_rate_kg_ha
-        self._here = self._here or applied_rate_kg_ha >= ARRIVED_SHARE * wanted
+        self._here = self._here or applied_rate_kg_ha >= ARRIVED_RATE_OF_TARGET * wanted
         return self._here
 
 

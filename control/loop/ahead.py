@@ -9,21 +9,21 @@ from functools import partial
 from math import cos, inf, radians, sin
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
 from topdress.control.loop.canopy_heads import CanopyHeads
 from topdress.control.loop.sections import SectionControl
-from topdress.control.loop.tick_state import Choices, Moment
-from topdress.control.machine.change_lag import Lag
+from topdress.control.loop.tick_state import MeasuredState, OperatorChoices
+from topdress.control.machine.change_lag import LagParts
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.metering.rate_range import find_least_rate_kg_ha
 from topdress.control.orders import TargetSource
 from topdress.control.readings import OUTSIDE_RATE_VALID, Measurements, is_reading_fresh
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead, BoundedProfile
 from topdress.control.targets.canopy import CanopyDecisions, MapAndCanopy, MeanRateHold, RateBounds
 from topdress.control.targets.index_map import IndexMap
@@ -55,7 +55,7 @@ class WayAhead:
         self,
         machine: Machine,
         crop: Crop,
-        rule: Rule,
+        rule: CropRule,
         job: Job,
         fence: BoundaryAhead | None,
         headland: BoundaryAhead | None,
@@ -119,7 +119,7 @@ class WayAhead:
         )
 
     def look_ahead(
-        self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
+        self, m: Measurements, sensed: SensedMotion, fired_to_m: float, no_double: bool
     ) -> None:
         """Looks ahead. Changes up to `fired_to_m` of the track were made and keep their
         position."""
@@ -136,7 +136,7 @@ class WayAhead:
         if self.map is not None:
             self.map.forget_place()
 
-    def _look_at_edges(self, sensed: Sensed, fired_to_m: float) -> None:
+    def _look_at_edges(self, sensed: SensedMotion, fired_to_m: float) -> None:
         for fence in (self.fence, self._headland):
             if fence is None:
                 continue
@@ -149,7 +149,7 @@ class WayAhead:
                 )
 
     def _look_at_done(
-        self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
+        self, m: Measurements, sensed: SensedMotion, fired_to_m: float, no_double: bool
     ) -> None:
         """Records material that lands here, and searches for done ground ahead."""
         place = None
@@ -181,7 +181,7 @@ class WayAhead:
         if no_double and not self.sections.strips:
             self.overlap.look_ahead(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
-    def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
+    def _look_at_map(self, sensed: SensedMotion, fired_to_m: float) -> None:
         if self.map is None:
             return
         if (
@@ -204,7 +204,7 @@ class WayAhead:
         )
 
     def make_profile(
-        self, choices: Choices, may_outside: bool, spread_to_m: float = -inf
+        self, choices: OperatorChoices, may_outside: bool, spread_to_m: float = -inf
     ) -> TargetProfile:
         """Returns the profile of targets along the track: the chosen source, without done ground
         and ground outside the field.
@@ -229,12 +229,12 @@ class WayAhead:
             else BoundedProfile(wanted, self.fence)
         )
 
-    def _is_switched_by_section(self, choices: Choices) -> bool:
+    def _is_switched_by_section(self, choices: OperatorChoices) -> bool:
         """Returns whether each section is switched by its own strip of ground instead of the
         whole machine. Doses always use the whole machine."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
-    def make_sections_ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
+    def make_sections_ground(self, choices: OperatorChoices, may_outside: bool) -> SectionsGround:
         """Returns the ground that decides on the sections."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
@@ -277,10 +277,10 @@ class WayAhead:
 
     def is_landing_inside(
         self,
-        moment: Moment,
+        moment: MeasuredState,
         holding: Target,
-        stop: Callable[[], Lag],
-        choices: Choices,
+        stop: Callable[[], LagParts],
+        choices: OperatorChoices,
         may_outside: bool,
     ) -> bool | None:
         """Returns whether material released now lands inside the field, from any section; None

@@ -8,7 +8,7 @@ from topdress.control.agronomy import fusion
 from topdress.control.geodesy import Place, offset_place
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.canopy import CanopyDecisions
 from topdress.control.targets.index_map import IndexMap
 
@@ -40,14 +40,14 @@ class CanopyHeads:
         """
         self._index = index
         self.decisions = decisions
-        self.fused: fusion.Fused | None = None
+        self.fused: fusion.FusedNdvi | None = None
         self._state = fusion.start_fusion(heads)
         self._times: tuple[float | None, ...] = ()
         self._fused_s = float("-inf")
         self._under, self._heads_m, self._zones = under, heads_m, zones
         self.by_map = False
 
-    def fuse_and_decide(self, m: Measurements, sensed: Sensed) -> None:
+    def fuse_and_decide(self, m: Measurements, sensed: SensedMotion) -> None:
         """Fuses new readings, drops old readings, and decides at the end of a decision period."""
         if m.canopy_index != self._index:
             m = m._replace(ndvi=(None,) * len(m.ndvi))
@@ -67,7 +67,7 @@ class CanopyHeads:
             self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide_stretch(sensed.track_m, now)
 
-    def _take_sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
+    def _take_sample(self, read: float | None, fresh: bool, sensed: SensedMotion) -> None:
         """Takes the heads' reading as a sample, or the map's value under silent heads."""
         place = None if self._under is None else self._find_seen_place(sensed)
         mapped = None if self._under is None or place is None else self._under.find_index(*place)
@@ -87,7 +87,7 @@ class CanopyHeads:
                 read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s
             )
 
-    def _find_seen_place(self, sensed: Sensed) -> tuple[Place, float] | None:
+    def _find_seen_place(self, sensed: SensedMotion) -> tuple[Place, float] | None:
         """Returns the position under the heads, and the course; None without a known position."""
         if (
             not sensed.position_ok

@@ -9,13 +9,13 @@ from math import inf
 from topdress.control.field.totals import Totals
 from topdress.control.geodesy import offset_place
 from topdress.control.loop.ahead import DOSE_PROFILE, WayAhead
-from topdress.control.loop.tick_state import Choices, Moment
+from topdress.control.loop.tick_state import MeasuredState, OperatorChoices
 from topdress.control.machine.machine import Machine
 from topdress.control.metering.inverse import Conditions, calc_flow_kg_s
 from topdress.control.orders import State, TargetSource
 from topdress.control.readings import DoseOrder, Measurements
-from topdress.control.safety import DriveLimits, Verdict, limit_dose
-from topdress.control.sensing import Sensed
+from topdress.control.safety import DriveLimits, SafetyVerdict, limit_dose
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET
 from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
 from topdress.control.targets.plant_doser import PlantDoser
@@ -36,7 +36,7 @@ class DosePlanner:
         self._ahead = ahead
         self._limits = limits
 
-    def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
+    def look_for_plants(self, m: Measurements, sensed: SensedMotion) -> None:
         """Adds the plants ahead, except in turns and while reversing."""
         place = None
         # In a turn a straight line ahead would meet plants of other rows.
@@ -67,7 +67,7 @@ class DosePlanner:
         """Returns the learnt dose threshold."""
         return self.points.mode.threshold
 
-    def are_chosen(self, choices: Choices) -> bool:
+    def are_chosen(self, choices: OperatorChoices) -> bool:
         """Returns whether plants are the source of the target."""
         return choices.source is TargetSource.POINT
 
@@ -75,7 +75,7 @@ class DosePlanner:
         """Returns whether the shaft may still be turning for an ordered dose."""
         return self.points.may_still_be_turning(now_s)
 
-    def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
+    def find_target(self, sensed: SensedMotion, may_outside: bool) -> Target:
         """Returns the target for doses: a dose where the next would land inside the field,
         otherwise zero."""
         fence = self._ahead.fence
@@ -86,7 +86,7 @@ class DosePlanner:
         return DOSE_PROFILE.target if inside else OUTSIDE_TARGET
 
     def find_due_dose(
-        self, moment: Moment, choices: Choices, verdict: Verdict
+        self, moment: MeasuredState, choices: OperatorChoices, verdict: SafetyVerdict
     ) -> tuple[DoseOrder | None, list[str]]:
         """Returns the dose for this tick, and doses and missed plants as events of the row."""
         sensed = moment.sensed
@@ -117,7 +117,7 @@ class DosePlanner:
             events.append(f"dose {dose.angle_deg:g}")
         return dose, events
 
-    def is_dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
+    def is_dosed_earlier(self, sensed: SensedMotion, no_double: bool) -> bool:
         """Returns whether the plant of a dose commanded now got its dose in an earlier part of
         the job."""
         if (
@@ -158,24 +158,24 @@ class NoDosePlanner:
     max_speed_mps = inf
     threshold = None
 
-    def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
+    def look_for_plants(self, m: Measurements, sensed: SensedMotion) -> None:
         pass
 
-    def are_chosen(self, choices: Choices) -> bool:
+    def are_chosen(self, choices: OperatorChoices) -> bool:
         return False
 
     def may_still_be_turning(self, now_s: float) -> bool:
         return False
 
-    def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
+    def find_target(self, sensed: SensedMotion, may_outside: bool) -> Target:
         return OUTSIDE_TARGET
 
     def find_due_dose(
-        self, moment: Moment, choices: Choices, verdict: Verdict
+        self, moment: MeasuredState, choices: OperatorChoices, verdict: SafetyVerdict
     ) -> tuple[DoseOrder | None, list[str]]:
         return None, []
 
-    def is_dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
+    def is_dosed_earlier(self, sensed: SensedMotion, no_double: bool) -> bool:
         return False
 
     def calc_rate_kg_ha(self, c: Conditions) -> float:

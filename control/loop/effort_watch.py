@@ -36,14 +36,14 @@ MIN_TOLERANCE_SD = 3.0
 NOISE_LIMIT_SD = 6.0
 # Share of the bounds below which a finding ends: at the bound itself noise would make the finding
 # flicker.
-HYSTERESIS_SHARE = 0.5
+FINDING_END_OF_BOUND = 0.5
 # Turning time within the reduced bounds after which a finding ends, s.
 RECOVERY_S = 5.0 * EFFORT_MEAN_S
 # Relative increase of a duty cycle when an unmeasured supply voltage falls with the idling engine.
-IDLING_SUPPLY_SHARE = 1.2 / 12.3
+IDLING_DUTY_RISE_SHARE = 1.2 / 12.3
 # Share of the material's load that separates a loaded from an unloaded drive: both errors are then
 # equally likely.
-UNLOADED_SHARE = 0.5
+UNLOADED_DRIVE_LOAD_SHARE = 0.5
 
 
 class EffortWatch:
@@ -101,9 +101,11 @@ class EffortWatch:
         self._turned_s += dt_s
         usual = self._usual * should
         chance = NOISE_LIMIT_SD * machine.noise.effort * (0.5 * share) ** 0.5
-        unknown = own.by_supply * IDLING_SUPPLY_SHARE * should if c.supply_v is None else 0.0
-        keeps = HYSTERESIS_SHARE if self.finding.harder_percent or self.finding.unloaded else 1.0
-        sudden = keeps * max(UNLOADED_SHARE * load, chance, unknown)
+        unknown = own.by_supply * IDLING_DUTY_RISE_SHARE * should if c.supply_v is None else 0.0
+        keeps = (
+            FINDING_END_OF_BOUND if self.finding.harder_percent or self.finding.unloaded else 1.0
+        )
+        sudden = keeps * max(UNLOADED_DRIVE_LOAD_SHARE * load, chance, unknown)
         # Standard deviation of a healthy drive's effort, from its parameters within their
         # tolerances and from its supply.
         sd = hypot(

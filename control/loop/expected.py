@@ -11,7 +11,7 @@ from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_sh
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.machine.term_sums import NO_TERMS, TermTotals
 from topdress.control.metering.inverse import Conditions
-from topdress.control.metering.strategies import Pair
+from topdress.control.metering.strategies import DrivePair
 from topdress.control.readings import DriveCommand
 
 
@@ -32,7 +32,7 @@ class ExpectedDrives:
             shaft._replace(line=convert_to_lists(shaft.line)),
             gate._replace(line=convert_to_lists(gate.line)),
         )
-        self.pair = Pair(0.0, opening_mm)
+        self.pair = DrivePair(0.0, opening_mm)
         if self._steps is not None:
             self._drives = self._steps.drives(shaft, gate)
             self._drives.set_stages(self._machine.shaft, self._machine.gate)
@@ -52,7 +52,7 @@ class ExpectedDrives:
         if supply is None:
             supply = self._machine.shaft.nominal_supply_v
         if self._drives is not None:
-            self.pair = Pair(
+            self.pair = DrivePair(
                 *self._drives.step_drives(
                     command.shaft_rpm, command.opening_mm, supply, dt_s, more, pitch_deg
                 )
@@ -74,4 +74,4 @@ class ExpectedDrives:
         self._gate, gate = step_gate(
             self._machine.gate, self._gate, GateInput(command.opening_mm, more.gate_mm), dt_s
         )
-        self.pair = Pair(shaft.rpm, gate.opening_mm)
+        self.pair = DrivePair(shaft.rpm, gate.opening_mm)

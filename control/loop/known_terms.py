@@ -15,7 +15,7 @@ from topdress.control.machine.term_sums import (
 )
 from topdress.control.machine.terms import VARIABLES, TermTarget
 from topdress.control.readings import SENSED_COLUMNS, DriveCommand, Measurements, Reading
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 
 DRIVE_TARGETS = (TermTarget.SHAFT_PERCENT, TermTarget.SHAFT_RPM, TermTarget.GATE_MM)
 SCALE_TARGETS = (TermTarget.SCALE_KG,)
@@ -35,7 +35,7 @@ class KnownTerms:
     def advance_terms(
         self,
         m: Measurements,
-        sensed: Sensed,
+        sensed: SensedMotion,
         since_s: float,
         command: DriveCommand | None,
         dt_s: float,

@@ -1,11 +1,11 @@
 """How far ahead must a change of the target be made? The class answers
-`targets.lag_correction.LookAheadReach`.
+`targets.lag_correction.LookAheadDistance`.
 """
 
 from __future__ import annotations
 
-from topdress.control.loop.tick_state import Moment
-from topdress.control.machine.change_lag import ChangeLags, Lag, SettledPair
+from topdress.control.loop.tick_state import MeasuredState
+from topdress.control.machine.change_lag import ChangeLags, LagParts, SettledPair
 from topdress.control.metering.setting import PairPlanner
 from topdress.control.targets.profile import Target, TargetChange
 
@@ -13,7 +13,7 @@ from topdress.control.targets.profile import Target, TargetChange
 MAX_LOOK_AHEAD_S = 4.0
 
 
-class TickReach:
+class TickLookAhead:
     """Calculates lags and distances of one tick. opening_mm: expected now; `look_ahead`: False
     makes changes at their position; open_share: open share of the working width."""
 
@@ -22,7 +22,7 @@ class TickReach:
         setting: PairPlanner,
         lags: ChangeLags,
         opening_mm: float,
-        moment: Moment,
+        moment: MeasuredState,
         look_ahead: bool,
         open_share: float = 1.0,
     ) -> None:
@@ -40,7 +40,7 @@ class TickReach:
         self._kept: dict[float, SettledPair] = {}
         self.max_reach_m = self._speed * MAX_LOOK_AHEAD_S + 1.0 if look_ahead else 0.0
 
-    def find_lag(self, before: Target, change: TargetChange) -> Lag:
+    def find_lag(self, before: Target, change: TargetChange) -> LagParts:
         """Returns the lag of a change between two settled pairs, simulated with the model."""
         one, other = (
             self._find_settled(before.rate_kg_ha),
@@ -51,12 +51,12 @@ class TickReach:
             other = SettledPair(one.shaft_rpm, by_gate)
         return self._lags.find_lag(one, other)
 
-    def find_distance_m(self, lag: Lag) -> float:
+    def find_distance_m(self, lag: LagParts) -> float:
         if not self._look_ahead:
             return 0.0
         return self._ahead.predict_way_m(lag.total_s + self._half_tick_s)
 
-    def find_switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
+    def find_switch_m(self, in_s: float, lag: LagParts, answers_s: float) -> float:
         """Returns the landing distance ahead of material released from `in_s` on, m.
 
         `find_lag` gives the lag of the change of flow; `answers_s` of it pass before the release is
@@ -68,7 +68,7 @@ class TickReach:
             in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s
         )
 
-    def find_small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
+    def find_small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> LagParts:
         """Returns the lag of a small change from a rate, or, where that rate is 0, from another
         rate."""
         held = self._find_settled(held_kg_ha)

@@ -9,7 +9,7 @@ from math import inf, isfinite
 
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.growth import assess_growth
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.field.coverage import Raster
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
@@ -23,21 +23,21 @@ from topdress.control.loop.effort_watch import EffortWatch
 from topdress.control.loop.events import EventQueue
 from topdress.control.loop.expected import ExpectedDrives
 from topdress.control.loop.known_terms import KnownTerms
-from topdress.control.loop.look_ahead_distance import TickReach
-from topdress.control.loop.map_location_check import MapLocation
-from topdress.control.loop.order_handlers import Operator
+from topdress.control.loop.look_ahead_distance import TickLookAhead
+from topdress.control.loop.map_location_check import MapLocationCheck
+from topdress.control.loop.order_handlers import LoopOrderHandler
 from topdress.control.loop.reversing import ReversingWatch
 from topdress.control.loop.row import make_log_row, read_head_ndvi
 from topdress.control.loop.sections import SectionLeads
 from topdress.control.loop.situation import make_situation
 from topdress.control.loop.tick import Tick
-from topdress.control.loop.tick_state import Metered, Moment, TickDecision
+from topdress.control.loop.tick_state import MeasuredState, MeteredMaterial, TickDecision
 from topdress.control.loop.unintended_flow import (
     UnintendedFlow,
     calc_open_share,
     make_standing_limits,
 )
-from topdress.control.machine.change_lag import ChangeLags, Lag
+from topdress.control.machine.change_lag import ChangeLags, LagParts
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.product_calibration import find_newest_test_date
 from topdress.control.machine.steps import CompiledSteps
@@ -45,15 +45,15 @@ from topdress.control.metering.flow_trim import FlowTrim
 from topdress.control.metering.inverse import Conditions, calc_conditions_factor, calc_flow_kg_s
 from topdress.control.metering.rate_range import find_breach
 from topdress.control.metering.setting import PairPlanner
-from topdress.control.metering.strategies import Pair
+from topdress.control.metering.strategies import DrivePair
 from topdress.control.metering.trims import NO_ERROR, DriveTrim, TrimLimits
 from topdress.control.orders import CANOPY_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
 from topdress.control.readings import (
+    AnnouncedSpeeds,
     DriveCommand,
     Measurements,
     RangeBreach,
     Reading,
-    SpeedPlan,
     describe_announcement,
     drop_impossible,
     is_reading_fresh,
@@ -64,13 +64,13 @@ from topdress.control.safety import (
     DriveLimits,
     Safety,
     SafetyLimits,
-    Verdict,
+    SafetyVerdict,
     limit_command,
     limit_valves,
     make_refusal,
     select_machine_limits,
 )
-from topdress.control.sensing import Forecaster, Sensed, Sensing, SensingLimits
+from topdress.control.sensing import SensedMotion, Sensing, SensingLimits, SpeedForecaster
 from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.lag_correction import ChangeQueue
@@ -110,7 +110,7 @@ class ControlLoop:
         self,
         machine: Machine,
         crop: Crop,
-        rule: Rule,
+        rule: CropRule,
         job: Job,
         fence: BoundaryAhead | None = None,
         has_work_switch: bool = False,
@@ -193,15 +193,15 @@ class ControlLoop:
         )
         # While reversing, ground that already has material passes the outlets again.
         self._backing = ReversingWatch(machine)
-        self._near = MapLocation(
+        self._near = MapLocationCheck(
             None if prescription is None else prescription.prescription, job.field.boundary_m
         )
         # Result of the newest tick.
-        self._sensed: Sensed | None = None
+        self._sensed: SensedMotion | None = None
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = PairPlanner(machine, job.strategy)
-        self._forecaster = Forecaster()
+        self._forecaster = SpeedForecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(
             machine.noise.scale_kg,
@@ -214,7 +214,7 @@ class ControlLoop:
         self._catch_test = find_newest_test_date(machine)
         self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
-        self._operator = Operator(
+        self._operator = LoopOrderHandler(
             job,
             crop,
             self.safety,
@@ -420,7 +420,7 @@ class ControlLoop:
         self._update_followers(moment, decision, metered, verdict, command)
         return self._make_tick(moment, decision, metered, verdict, command)
 
-    def _sense_and_look(self, m: Measurements) -> Moment:
+    def _sense_and_look(self, m: Measurements) -> MeasuredState:
         """Determines position and speed of the machine, and the ground ahead."""
         # Impossible readings are removed first, so that no later step must consider them.
         m, dt_s = self._check_clock(drop_impossible(m))
@@ -443,7 +443,9 @@ class ControlLoop:
             # The tractor's own announcement takes precedence over the job's speed plan.
             m.speed_told or self._find_planned_speed(m.time_s, sensed),
         )
-        return Moment(m, sensed, self._find_conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
+        return MeasuredState(
+            m, sensed, self._find_conditions(m), dt_s, sensed.speed_mps or 0.0, ahead
+        )
 
     def _check_clock(self, m: Measurements) -> tuple[Measurements, float]:
         """Returns the measurements and the time since the last tick.
@@ -474,7 +476,7 @@ class ControlLoop:
         self._time_s = m.time_s
         return m, dt_s
 
-    def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
+    def _note_jump(self, m: Measurements, sensed: SensedMotion) -> None:
         """Reports refused epochs as events, and clears the view ahead after a jump of the
         position."""
         # An epoch stays in the measurements for several ticks and is reported once.
@@ -495,12 +497,12 @@ class ControlLoop:
             event = "spread_unplaced" if is_done else "spread_unknown"
             self._events.add_events(f"{event} {way_m:.1f}")
 
-    def _decide_pair(self, moment: Moment) -> TickDecision:
+    def _decide_pair(self, moment: MeasuredState) -> TickDecision:
         """Decides the target of the material released now, and the set-points for it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
         # Everything that a lag depends on in this tick is collected once for all changes.
-        reach = TickReach(
+        reach = TickLookAhead(
             self._setting,
             self._lags,
             self._expected.pair.opening_mm,
@@ -566,7 +568,7 @@ class ControlLoop:
             share,
         )
 
-    def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
+    def _find_breach(self, moment: MeasuredState, decision: TickDecision) -> RangeBreach | None:
         """Returns the rate that the machine spreads where its range does not include the wanted
         rate; None within the range."""
         # A dose has an angle and no rate.
@@ -584,7 +586,7 @@ class ControlLoop:
         )
 
     def _switch_sections(
-        self, moment: Moment, holding: Target, reach: TickReach, by_point: bool
+        self, moment: MeasuredState, holding: Target, reach: TickLookAhead, by_point: bool
     ) -> float:
         """Switches the sections, and returns the open share of the width at the time at which a
         present set-point shows in the flow."""
@@ -636,7 +638,7 @@ class ControlLoop:
             return holding
         return Target(sections.find_map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
-    def _measure_flow(self, moment: Moment, decision: TickDecision) -> Metered:
+    def _measure_flow(self, moment: MeasuredState, decision: TickDecision) -> MeteredMaterial:
         """Returns the material that leaves the outlets now."""
         m, c = moment.m, moment.conditions
         opening, flow = self._find_true_opening(m), None
@@ -665,12 +667,12 @@ class ControlLoop:
             and said is not None
             and is_reading_fresh(said.time_s, m.time_s, APPLIED_VALID_S)
         ):
-            return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
+            return MeteredMaterial(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
         share = self._ahead.sections.find_open_share(m.time_s)
         if share <= 0.0:
             # A valve may stay open although its command is to close.
             share = calc_open_share(self.machine.switched_strips, m)
-        return Metered(
+        return MeteredMaterial(
             flow if share > 0.0 or flow is None else 0.0,
             self._convert_to_rate(flow, moment.speed_mps, share),
             c.flow_trim,
@@ -680,7 +682,7 @@ class ControlLoop:
         )
 
     def _make_command(
-        self, moment: Moment, decision: TickDecision, verdict: Verdict
+        self, moment: MeasuredState, decision: TickDecision, verdict: SafetyVerdict
     ) -> DriveCommand:
         """Returns the command of the drives after the last safety check."""
         if verdict.state is State.CALIBRATING:
@@ -707,7 +709,11 @@ class ControlLoop:
         return command._replace(dose=dose, valves=valves)
 
     def _command_valves(
-        self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand
+        self,
+        moment: MeasuredState,
+        decision: TickDecision,
+        verdict: SafetyVerdict,
+        command: DriveCommand,
     ) -> tuple[bool, ...]:
         """Returns the command of the valves after the last safety check. All valves are closed
         while no flow is wanted, and open during calibration."""
@@ -734,10 +740,10 @@ class ControlLoop:
 
     def _update_followers(
         self,
-        moment: Moment,
+        moment: MeasuredState,
         decision: TickDecision,
-        metered: Metered,
-        verdict: Verdict,
+        metered: MeteredMaterial,
+        verdict: SafetyVerdict,
         command: DriveCommand,
     ) -> None:
         """Updates trims, expected drives and totals with the commands and measurements."""
@@ -761,11 +767,11 @@ class ControlLoop:
         # A bench catch is weighed outside of the hopper and must not train the flow trim.
         self._update_scale(moment, metered, calibrating and command.shaft_rpm > 0.0)
         # A forbidden flow stops the shaft and leaves the gate where it is.
-        bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
+        bare = decision.pair if verdict.flow_allowed else DrivePair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
         self._effort.update_watch(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
         self._setting.record_command(
-            decision.pair if turns else Pair(0.0, decision.pair.opening_mm)
+            decision.pair if turns else DrivePair(0.0, decision.pair.opening_mm)
         )
         self._expected.advance_drives(
             command
@@ -780,7 +786,9 @@ class ControlLoop:
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 
-    def _update_scale(self, moment: Moment, metered: Metered, catching: bool) -> None:
+    def _update_scale(
+        self, moment: MeasuredState, metered: MeteredMaterial, catching: bool
+    ) -> None:
         """Compares the scale with the flow by the shaft's reading. catching: whether caught
         material may be returned to the hopper."""
         m, now = moment.m, moment.m.time_s
@@ -807,10 +815,10 @@ class ControlLoop:
 
     def _update_totals(
         self,
-        moment: Moment,
+        moment: MeasuredState,
         decision: TickDecision,
-        metered: Metered,
-        verdict: Verdict,
+        metered: MeteredMaterial,
+        verdict: SafetyVerdict,
         command: DriveCommand,
     ) -> None:
         """Updates the totals: worked ground, and mass that leaves the machine despite a stop
@@ -846,7 +854,9 @@ class ControlLoop:
             self._events.add_events(event)
         self._stopped.record_command(now, command, verdict, self._expected.pair)
 
-    def _update_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
+    def _update_mean(
+        self, moment: MeasuredState, decision: TickDecision, given_kg_ha: float
+    ) -> None:
         """Adds ground to the mean of the canopy, except headlands with their own rate and ground
         done before."""
         hold, sensed = self._ahead.hold, moment.sensed
@@ -864,10 +874,10 @@ class ControlLoop:
 
     def _make_tick(
         self,
-        moment: Moment,
+        moment: MeasuredState,
         decision: TickDecision,
-        metered: Metered,
-        verdict: Verdict,
+        metered: MeteredMaterial,
+        verdict: SafetyVerdict,
         command: DriveCommand,
     ) -> Tick:
         """Returns the row, and the content of the console."""
@@ -923,7 +933,7 @@ class ControlLoop:
 
     # The following methods are parts of the steps.
 
-    def _find_planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
+    def _find_planned_speed(self, now_s: float, sensed: SensedMotion) -> AnnouncedSpeeds | None:
         """Returns the job's speed plan of the present pass, where the tractor announces none."""
         place = (
             None
@@ -933,7 +943,7 @@ class ControlLoop:
         mps = find_planned_mps(
             self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg
         )
-        return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
+        return None if mps is None else AnnouncedSpeeds(now_s, ((0.0, mps),))
 
     def _describe_announcement(self, m: Measurements) -> str | None:
         """Returns the text of an announcement that is new since the last row."""
@@ -986,7 +996,7 @@ class ControlLoop:
         )
         return left_m if left_m < inf else None
 
-    def _find_usable_mps(self, lag: Lag) -> float:
+    def _find_usable_mps(self, lag: LagParts) -> float:
         """Returns the highest speed at which a change is still made in time, m/s; infinity where
         any speed is low enough."""
         source = self._operator.choices.source
@@ -1018,7 +1028,7 @@ class ControlLoop:
             memory.calibrate_until_s - now,
         )
 
-    def _list_notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
+    def _list_notes(self, moment: MeasuredState, decision: TickDecision) -> tuple[str, ...]:
         """Returns further remarks on this tick."""
         sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
         # Notes describe the ground on which material released now will land.
@@ -1060,7 +1070,7 @@ class ControlLoop:
         return [f"zero_{source.value}"] if source in ZERO_RATE_SOURCES else []
 
 
-def _find_stop_lag(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
+def _find_stop_lag(reach: TickLookAhead, holding: Target, sensed: SensedMotion) -> LagParts:
     """Returns the lag of a stop at this position."""
     return reach.find_lag(holding, TargetChange(sensed.track_m, OUTSIDE_TARGET))
 

@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import Place
 from topdress.control.orders import MAP_SOURCES, State, TargetSource
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.prescription import Prescription
 
 # Distance within which the map counts as near, m: a machine next to its field, or on a headland
 # that the map omits.
-NEAR_MAP_M = 50.0
+NEAR_MAP_DISTANCE_M = 50.0
 
 
-class MapLocation:
+class MapLocationCheck:
     """Checks the location of the map. `elsewhere_m`: its distance from the machine at this
     START, m; None for a near, unused or unknown map."""
 
@@ -38,7 +38,7 @@ class MapLocation:
         """Requests a new check after START, or after another source while working."""
         self.elsewhere_m, self._looked = None, False
 
-    def check_location(self, state: State, source: TargetSource, sensed: Sensed) -> None:
+    def check_location(self, state: State, source: TargetSource, sensed: SensedMotion) -> None:
         """Checks the map once, at the first known position."""
         if (
             not self._looked
@@ -50,7 +50,7 @@ class MapLocation:
             self._looked = place is not None
             self.elsewhere_m = self.find_distance_m(source, sensed)
 
-    def find_distance_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
+    def find_distance_m(self, source: TargetSource, sensed: SensedMotion | None) -> float | None:
         """Returns the distance of a map at another location, m; None for a near, unused or
         unknown map."""
         place = None if sensed is None else _find_place(sensed)
@@ -58,12 +58,12 @@ class MapLocation:
             return None
         if (
             self._field is not None
-            and self._field.calc_distance_m(place) <= NEAR_MAP_M
+            and self._field.calc_distance_m(place) <= NEAR_MAP_DISTANCE_M
             and self._is_covering_field()
         ):
             return None
         away_m = self._map.calc_distance_m(place)
-        return away_m if away_m > NEAR_MAP_M else None
+        return away_m if away_m > NEAR_MAP_DISTANCE_M else None
 
     def _is_covering_field(self) -> bool:
         assert self._map is not None and self._field is not None
@@ -72,7 +72,7 @@ class MapLocation:
         return self._covers_field
 
 
-def _find_place(sensed: Sensed) -> Place | None:
+def _find_place(sensed: SensedMotion) -> Place | None:
     return (
         None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
     )

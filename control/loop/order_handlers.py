@@ -10,9 +10,9 @@ from math import inf, isfinite
 from typing import Any
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.reference_strips import StripValue, parse_strip
+from topdress.control.agronomy.reference_strips import StripMean, parse_strip
 from topdress.control.field.job import Job
-from topdress.control.loop.tick_state import Choices
+from topdress.control.loop.tick_state import OperatorChoices
 from topdress.control.metering.flow_trim import FlowTrim
 from topdress.control.metering.setting import PairPlanner
 from topdress.control.orders import MAP_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
@@ -28,7 +28,7 @@ REFILL_STEP_KG = 0.1
 ACCEPTED = Answer(True)
 
 
-class Operator:
+class LoopOrderHandler:
     """Holds the operator's choices. `started`: called after safety has accepted START;
     `why_no_start`: returns the reason why START is refused, or ""."""
 
@@ -43,7 +43,7 @@ class Operator:
         points: PlantDoser | None,
         has_map: bool,
         started: Callable[[], None],
-        strip_measured: Callable[[StripValue], None],
+        strip_measured: Callable[[StripMean], None],
         sections: int = 0,
         hopper_kg: float = inf,
         why_no_start: Callable[[], str] = str,
@@ -52,7 +52,7 @@ class Operator:
         """Creates the object with the job's choices. hopper_kg: capacity of the hopper, which
         limits a refill."""
         self._record_only = record_only
-        self.choices = Choices(
+        self.choices = OperatorChoices(
             TargetSource(job.target.source),
             job.target.manual_rate_kg_ha,
             job.look_ahead,
@@ -253,17 +253,17 @@ _SWITCH_FIELDS = {
     Do.FLOW_TRIM: "flow_trim_on",
     Do.NO_DOUBLE: "no_double",
 }
-_HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
-    Do.STRATEGY: Operator._handle_strategy,
-    Do.SOURCE: Operator._handle_source,
-    Do.NUDGE: Operator._handle_nudge,
-    Do.MANUAL_RATE: Operator._handle_manual_rate,
-    **dict.fromkeys(_SWITCH_FIELDS, Operator._handle_switch),
-    Do.STRIP: Operator._handle_strip,
-    Do.DOSE_ERROR: Operator._handle_dose_error,
-    Do.CALIBRATE_SHAFT: Operator._handle_bench_setting,
-    Do.CALIBRATE_OPENING: Operator._handle_bench_setting,
-    Do.SECTION: Operator._handle_section,
-    Do.MARK: Operator._handle_mark,
-    Do.REFILL_BACK: Operator._handle_refill_back,
+_HANDLERS: Mapping[Do, Callable[[LoopOrderHandler, Order, float], Answer]] = {
+    Do.STRATEGY: LoopOrderHandler._handle_strategy,
+    Do.SOURCE: LoopOrderHandler._handle_source,
+    Do.NUDGE: LoopOrderHandler._handle_nudge,
+    Do.MANUAL_RATE: LoopOrderHandler._handle_manual_rate,
+    **dict.fromkeys(_SWITCH_FIELDS, LoopOrderHandler._handle_switch),
+    Do.STRIP: LoopOrderHandler._handle_strip,
+    Do.DOSE_ERROR: LoopOrderHandler._handle_dose_error,
+    Do.CALIBRATE_SHAFT: LoopOrderHandler._handle_bench_setting,
+    Do.CALIBRATE_OPENING: LoopOrderHandler._handle_bench_setting,
+    Do.SECTION: LoopOrderHandler._handle_section,
+    Do.MARK: LoopOrderHandler._handle_mark,
+    Do.REFILL_BACK: LoopOrderHandler._handle_refill_back,
 }

@@ -9,7 +9,7 @@ from math import inf
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import Reading
-from topdress.control.sensing import Sensed, predict_way_ahead_m
+from topdress.control.sensing import SensedMotion, predict_way_ahead_m
 from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
 
 
@@ -31,7 +31,7 @@ class ReversingWatch:
         machine has left its line."""
         self._landed_to_m = self.spread_to_m = -inf
 
-    def update_direction(self, sensed: Sensed, may_reverse: bool) -> bool:
+    def update_direction(self, sensed: SensedMotion, may_reverse: bool) -> bool:
         """Returns whether the machine has changed its direction and must not spread while
         reversing."""
         if abs(sensed.turn_deg_s) > STRAIGHT_BELOW_DEG_S:
@@ -42,7 +42,7 @@ class ReversingWatch:
         self._backed = sensed.backwards
         return turned_round
 
-    def note_landing(self, shaft_rpm: Reading | None, sensed: Sensed) -> None:
+    def note_landing(self, shaft_rpm: Reading | None, sensed: SensedMotion) -> None:
         """Records the landing position of material released now, a drop time later."""
         if shaft_rpm is None or not shaft_rpm.value >= 0.5 * self._machine.limits.shaft_low_rpm:
             return

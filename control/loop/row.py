@@ -7,7 +7,12 @@ from __future__ import annotations
 from typing import Any
 
 from topdress.control.log_row import GNSS_VALID_FOR_S, VALID_FOR_S, LogRow
-from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
+from topdress.control.loop.tick_state import (
+    MeasuredState,
+    MeteredMaterial,
+    OperatorChoices,
+    TickDecision,
+)
 from topdress.control.orders import CANOPY_SOURCES, Strategy, TargetSource
 from topdress.control.readings import (
     SENSED_COLUMNS,
@@ -15,7 +20,7 @@ from topdress.control.readings import (
     Measurements,
     find_valid_value,
 )
-from topdress.control.safety import Verdict
+from topdress.control.safety import SafetyVerdict
 
 # Columns that hold the newest reading of a sensor, with the time for which they hold it.
 _SENSED_VALID_FOR_S: tuple[tuple[Any, float], ...] = tuple(
@@ -28,13 +33,13 @@ _SILENT_CELLS = (None,) * 7
 
 def make_log_row(
     started_s: float,
-    moment: Moment,
+    moment: MeasuredState,
     *,
     decision: TickDecision,
-    metered: Metered,
-    verdict: Verdict,
+    metered: MeteredMaterial,
+    verdict: SafetyVerdict,
     command: DriveCommand,
-    choices: Choices,
+    choices: OperatorChoices,
     strategy: Strategy,
     heads: tuple[float | None, ...],
     decided_ndvi: float | None,

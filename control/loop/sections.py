@@ -16,7 +16,7 @@ from topdress.control.geodesy import Place, offset_place
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import calc_dead_time_s, calc_time_constant_s
 from topdress.control.orders import SectionState
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.section_ground import (
     WHY_OUTSIDE,
     JudgedStrip,
@@ -152,7 +152,7 @@ class SectionControl:
 
     def decide_switches(
         self,
-        sensed: Sensed,
+        sensed: SensedMotion,
         dt_s: float,
         leads: SectionLeads,
         ground: SectionsGround,
@@ -186,7 +186,7 @@ class SectionControl:
                 one.decide_switch(now + self.prepare_s, on)
 
     def _judge_ground(
-        self, sensed: Sensed, leads: SectionLeads, ground: SectionsGround, everywhere: bool
+        self, sensed: SensedMotion, leads: SectionLeads, ground: SectionsGround, everywhere: bool
     ) -> tuple[tuple[JudgedStrip, ...], float]:
         """Returns the verdict on every section, and the distance ahead at which it applies, m."""
         self._judged_at = None
@@ -211,7 +211,7 @@ class SectionControl:
         return self._judge_ahead(sensed, leads.running_m, ground), leads.running_m
 
     def _judge_ahead(
-        self, sensed: Sensed, ahead_m: float, ground: SectionsGround
+        self, sensed: SensedMotion, ahead_m: float, ground: SectionsGround
     ) -> tuple[JudgedStrip, ...]:
         assert (
             sensed.east_m is not None

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from topdress.control.loop.canopy_heads import CanopyHeads
-from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
+from topdress.control.loop.tick_state import (
+    MeasuredState,
+    MeteredMaterial,
+    OperatorChoices,
+    TickDecision,
+)
 from topdress.control.orders import CANOPY_SOURCES, TargetSource
 from topdress.control.readings import EffortFinding, RangeBreach, ScaleFinding
-from topdress.control.safety import Commanded, Situation
+from topdress.control.safety import PreviousCommands, SafetySituation
 from topdress.control.targets.outside_target import ExternalTarget
 
 
 def make_situation(
-    moment: Moment,
+    moment: MeasuredState,
     decision: TickDecision,
-    metered: Metered,
-    choices: Choices,
+    metered: MeteredMaterial,
+    choices: OperatorChoices,
     *,
     heads: CanopyHeads,
     between_doses: bool,
     console_age_s: float | None,
     log_ok: bool,
-    commanded: Commanded,
+    commanded: PreviousCommands,
     map_elsewhere: bool,
     scale: ScaleFinding,
     effort: EffortFinding,
     outside_target: ExternalTarget,
     range_breach: RangeBreach | None,
-) -> Situation:
+) -> SafetySituation:
     """Returns the situation of this tick. `between_doses`: rates are meaningless between doses,
     and left out."""
     m, sensed = moment.m, moment.sensed
@@ -35,7 +40,7 @@ def make_situation(
     applied = (
         None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
     )
-    return Situation(
+    return SafetySituation(
         measurements=m,
         speed_used_mps=sensed.speed_mps,
         gnss_period_s=sensed.gnss_period_s,

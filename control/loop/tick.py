@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.control.agronomy.reference_strips import Strips
+from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.log_row import LogRow
-from topdress.control.loop.tick_state import Choices
+from topdress.control.loop.tick_state import OperatorChoices
 from topdress.control.orders import Alarm, SectionState, TargetSource
 from topdress.control.readings import DriveCommand, EffortFinding
-from topdress.control.safety import POWERED_STATES, Allowances, BenchRun, Verdict
-from topdress.control.sensing import Sensed
+from topdress.control.safety import POWERED_STATES, Allowances, BenchRun, SafetyVerdict
+from topdress.control.sensing import SensedMotion
 from topdress.control.targets.lag_correction import FiredChange
 
 
@@ -20,9 +20,9 @@ class Tick(NamedTuple):
 
     row: LogRow
     command: DriveCommand
-    sensed: Sensed
-    verdict: Verdict
-    choices: Choices
+    sensed: SensedMotion
+    verdict: SafetyVerdict
+    choices: OperatorChoices
     allow: Allowances
     fired: tuple[FiredChange, ...]
     notes: tuple[str, ...]
@@ -42,7 +42,7 @@ class Tick(NamedTuple):
     # Sections from left to right; empty for a machine without valves.
     sections: tuple[SectionState, ...]
     # N-rich strip and farmer check as they apply now.
-    strips: Strips
+    strips: ReferenceStrips
     # Sources of the target that the job has.
     sources: tuple[TargetSource, ...]
     # Rate of each source here, kg/ha, without the nudge; None for single doses.

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.control.machine.change_lag import Lag
+from topdress.control.machine.change_lag import LagParts
 from topdress.control.metering.inverse import Conditions
-from topdress.control.metering.strategies import Pair
+from topdress.control.metering.strategies import DrivePair
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
-from topdress.control.sensing import Sensed, SpeedAhead
+from topdress.control.sensing import SensedMotion, SpeedForecast
 from topdress.control.targets.lag_correction import FiredChange
 from topdress.control.targets.profile import Target
 
 
-class Choices(NamedTuple):
+class OperatorChoices(NamedTuple):
     """Holds the operator's choices, which start as the job's."""
 
     source: TargetSource
@@ -28,18 +28,18 @@ class Choices(NamedTuple):
     sections_off: tuple[int, ...] = ()
 
 
-class Moment(NamedTuple):
+class MeasuredState(NamedTuple):
     """Holds the measured state at the start of the decisions of a tick."""
 
     m: Measurements
-    sensed: Sensed
+    sensed: SensedMotion
     conditions: Conditions
     # Time since the tick before, at most 1 s.
     dt_s: float
     # Ground speed, m/s; 0 where unknown.
     speed_mps: float
     # Expected speed ahead.
-    ahead: SpeedAhead
+    ahead: SpeedForecast
 
 
 class TickDecision(NamedTuple):
@@ -51,10 +51,10 @@ class TickDecision(NamedTuple):
     # Metered rate: the planned rate, limited to the crop's maximum, kg/ha.
     rate_kg_ha: float
     # Lag of a small change from the present rate.
-    lag: Lag
+    lag: LagParts
     # Whether material released now lands inside the field; None where no field is known.
     inside: bool | None
-    pair: Pair
+    pair: DrivePair
     # Highest speed at which changes are still made in time, m/s; infinite for any speed.
     usable_mps: float
     fired: tuple[FiredChange, ...]
@@ -63,7 +63,7 @@ class TickDecision(NamedTuple):
     open_share: float
 
 
-class Metered(NamedTuple):
+class MeteredMaterial(NamedTuple):
     """Holds the material that leaves the outlets, by measured shaft and opening through the
     model; None means unknown."""
 

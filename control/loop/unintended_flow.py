@@ -13,10 +13,10 @@ from math import inf, isfinite
 
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import SectionStrip
-from topdress.control.metering.strategies import Pair
+from topdress.control.metering.strategies import DrivePair
 from topdress.control.orders import State
 from topdress.control.readings import DriveCommand, Measurements, is_reading_fresh
-from topdress.control.safety import POWERED_STATES, Commanded, SafetyLimits, Verdict
+from topdress.control.safety import POWERED_STATES, PreviousCommands, SafetyLimits, SafetyVerdict
 from topdress.control.signals import VALID_FOR
 
 # Interval of the events while the flow continues, s: a power cut loses no more than this.
@@ -60,7 +60,7 @@ class UnintendedFlow:
     def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
         """Creates the counter at zero. obeyed: False where the drives follow other commands, as
         in a replayed log."""
-        self.commanded = Commanded(
+        self.commanded = PreviousCommands(
             turn=not obeyed,
             flow=not obeyed,
             enabled=False,
@@ -90,7 +90,7 @@ class UnintendedFlow:
         m: Measurements,
         dt_s: float,
         flow_kg_s: float | None,
-        verdict: Verdict,
+        verdict: SafetyVerdict,
         worked: bool,
         unordered_kg: float = 0.0,
     ) -> tuple[float, str | None]:
@@ -105,7 +105,7 @@ class UnintendedFlow:
         return counted_kg, self._make_event(m.time_s, counted_kg)
 
     def record_command(
-        self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair
+        self, now_s: float, command: DriveCommand, verdict: SafetyVerdict, expected: DrivePair
     ) -> None:
         """Stores the commands from now on. expected: present shaft speed and opening by the
         machine model."""
@@ -116,7 +116,7 @@ class UnintendedFlow:
             answers_s = self._shaft.dead_time_s + self._shaft.extra_dead_time_s
             self._dose_until_s = max(self._dose_until_s, now_s) + answers_s + turns_s
         turn = command.shaft_rpm > 0.0 or now_s < self._dose_until_s
-        self.commanded = Commanded(
+        self.commanded = PreviousCommands(
             turn,
             verdict.flow_allowed,
             verdict.state in POWERED_STATES,
@@ -136,7 +136,7 @@ class UnintendedFlow:
         kg = flow_kg_s * dt_s
         return kg if self.find_turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
-    def _select_counted_kg(self, kg: float, verdict: Verdict) -> float:
+    def _select_counted_kg(self, kg: float, verdict: SafetyVerdict) -> float:
         """Returns the mass that counts. After a calibrating run the material of the stopping
         shaft falls into the tray; the material of a shaft that keeps turning counts."""
         if verdict.state is State.CALIBRATING:

@@ -21,7 +21,7 @@ class SettledPair(NamedTuple):
     opening_mm: float
 
 
-class Lag(NamedTuple):
+class LagParts(NamedTuple):
     """Holds the parts of a lag, s. `response_s`: dead time of the slowest moving actuator;
     `transition_s`: half of its travel time; `drop_s`: drop time."""
 
@@ -57,9 +57,9 @@ class ChangeLags:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._kept: dict[tuple[int, int, int, int], Lag] = {}
+        self._kept: dict[tuple[int, int, int, int], LagParts] = {}
 
-    def find_lag(self, before: SettledPair, after: SettledPair) -> Lag:
+    def find_lag(self, before: SettledPair, after: SettledPair) -> LagParts:
         key = (
             round(before.shaft_rpm / CACHE_STEP_RPM),
             round(before.opening_mm / CACHE_STEP_MM),
@@ -76,7 +76,7 @@ class ChangeLags:
         return found
 
 
-def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -> Lag:
+def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -> LagParts:
     """Returns the lag of a change from one settled pair to another, s (lag paper: system response
     plus drop time).
 
@@ -96,9 +96,9 @@ def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -
         extra += fall.first_fill_s
     drop = max(0.0, calc_drop_s(fall, max(before.shaft_rpm, after.shaft_rpm)) + extra)
     if not moves_shaft and not moves_gate:
-        return Lag(response, 0.0, drop)
+        return LagParts(response, 0.0, drop)
     landed = _find_half_way_s(machine, before, after, rising)
-    return Lag(response, 0.0 if landed is None else landed + extra - response - drop, drop)
+    return LagParts(response, 0.0 if landed is None else landed + extra - response - drop, drop)
 
 
 def _find_half_way_s(

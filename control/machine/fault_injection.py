@@ -16,7 +16,7 @@ _EFFECT_PATTERN = re.compile(
 )
 
 
-class PlantedEffect(NamedTuple):
+class InjectedEffect(NamedTuple):
     """Holds an effect of a simulated machine."""
 
     id: str
@@ -25,7 +25,7 @@ class PlantedEffect(NamedTuple):
     member: int | None = None
 
 
-def parse_planted(text: str) -> PlantedEffect:
+def parse_planted(text: str) -> InjectedEffect:
     """Parses the value of an `--effect` option.
 
     Raises
@@ -51,11 +51,11 @@ def parse_planted(text: str) -> PlantedEffect:
         raise ValueError(f"effect {text!r}: SIZE and ONSET_S must be numbers") from None
     if CATALOGUE[effect_id].effect.onset_only:
         onset = onset or size
-    return PlantedEffect(effect_id, size, onset, int(match["member"]) if match["member"] else None)
+    return InjectedEffect(effect_id, size, onset, int(match["member"]) if match["member"] else None)
 
 
 def schedule_effects(
-    machine: Machine, planted: Sequence[PlantedEffect]
+    machine: Machine, planted: Sequence[InjectedEffect]
 ) -> list[tuple[float, Machine]]:
     """Returns machines with their start times, s, in the order in which they come into force; the
     first starts at 0.

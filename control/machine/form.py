@@ -65,7 +65,7 @@ PLACE_QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
 # log-likelihood.
 PRICE_PER_AMPLITUDE = 4.0
 # Step by which a position is moved, in spreads of the variable.
-SHAPE_STEP = 0.3
+POSITION_STEP_IN_SPREADS = 0.3
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ class TermForm:
     @classmethod
     def step_shape(cls, shape: FormShape, name: str, steps: float, x: ScaledVariable) -> float:
         """Returns a coefficient of the shape moved by a number of steps."""
-        return shape[name] + SHAPE_STEP * steps
+        return shape[name] + POSITION_STEP_IN_SPREADS * steps
 
     @classmethod
     def calc_coefficients(

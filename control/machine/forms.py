@@ -57,9 +57,9 @@ CANDIDATE_MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 # Time constants over which the direction of a variable's movement is determined, s.
 DIRECTION_TAUS_S = (1.5, 5.0)
 # Difference that determines the direction, as a share of the variable's spread.
-DIRECTION_SHARE = 0.1
+MIN_DIRECTION_CHANGE_OF_SPREAD = 0.1
 # Share of the variance along an axis below which there is no variance across the axis.
-ONE_AXIS_SHARE = 0.03
+ONE_AXIS_VARIANCE_SHARE = 0.03
 # Angles from an axis, degrees: up to the first the values along the axis are valid, beyond the
 # second they are not.
 AXIS_VALID_DEG = (15.0, 30.0)
@@ -72,7 +72,7 @@ SPAN_POSITION_COUNT = 100
 # Number of smooth half-waves that form a table.
 TABLE_WAVE_COUNT = 4
 # Maximum remaining share of a memory after the last change.
-MAX_MEMORY_SHARE = 0.2
+MAX_REMAINING_MEMORY_SHARE = 0.2
 
 
 # The following forms are straight lines and bends.
@@ -506,7 +506,11 @@ def make_direction_series(x: ScaledVariable, tau_s: float) -> Array:
     """Returns the recent direction of z, -1 to 1."""
     return x.evaluate_form(
         TermParams(
-            FORM_NUMBERS[Form.SIDE], above=1.0, below=-1.0, high_end=DIRECTION_SHARE, tau_s=tau_s
+            FORM_NUMBERS[Form.SIDE],
+            above=1.0,
+            below=-1.0,
+            high_end=MIN_DIRECTION_CHANGE_OF_SPREAD,
+            tau_s=tau_s,
         )
     )
 
@@ -532,7 +536,7 @@ class MemoryForm(TermForm, form=Form.MEMORY):
     def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
         now, late = c.get("slope", 0.0), c["bend"]
-        forgets = abs(now + late) < MAX_MEMORY_SHARE * max(abs(now), abs(late))
+        forgets = abs(now + late) < MAX_REMAINING_MEMORY_SHARE * max(abs(now), abs(late))
         return SentenceNumbers(
             {"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets)
         )
@@ -630,7 +634,7 @@ class SideForm(TermForm, form=Form.SIDE):
         return {
             "above": a[0],
             "below": -a[0],
-            "high_end": DIRECTION_SHARE * x.spread,
+            "high_end": MIN_DIRECTION_CHANGE_OF_SPREAD * x.spread,
             "tau_s": shape["tau_s"],
             "level": level,
         }
@@ -675,7 +679,7 @@ class PeriodicForm(TermForm, form=Form.PERIODIC):
         strengths, axes = np.linalg.eigh(
             np.cov([make_sine_series(x, 1.0)[x.work], make_cosine_series(x, 1.0)[x.work]])
         )
-        if strengths[0] < ONE_AXIS_SHARE * strengths[1]:
+        if strengths[0] < ONE_AXIS_VARIANCE_SHARE * strengths[1]:
             return [{"cycles": 1.0, "sine": float(axes[0, 1]), "cosine": float(axes[1, 1])}]
         return [{"cycles": float(n)} for n in CANDIDATE_CYCLES[x.name]]
 

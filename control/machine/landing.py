@@ -15,7 +15,7 @@ from .fall import MIN_DROP_S
 BISECTION_STEPS = 30
 
 
-class LandedGround(NamedTuple):
+class LandedMass(NamedTuple):
     """Holds the mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
 
     origin_m: float
@@ -80,7 +80,7 @@ def bin_landings(
     drop_s: Array,
     bin_m: float,
     lever_arm_m: float = 0.0,
-) -> tuple[LandedGround, Array]:
+) -> tuple[LandedMass, Array]:
     """Bins parcels by the outlet's position when they land.
 
     Returns the ground and each parcel's position (n,), m along the track. A parcel is spread evenly
@@ -101,7 +101,7 @@ def bin_landings(
     following = np.append(place[1:], 2.0 * place[-1] - place[-2] if len(place) > 1 else place[-1])
     origin = (np.floor(min(place.min(), following.min()) / bin_m) - 1.0) * bin_m
     count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 2
-    return LandedGround(
+    return LandedMass(
         float(origin), bin_m, _spread_mass(place, following, mass_kg, float(origin), bin_m, count)
     ), place
 

@@ -22,7 +22,7 @@ CRITICAL_TOLERANCE = 1e-8
 # Tolerance for rounding errors.
 ROUNDING_TOLERANCE = 1e-9
 # Maximum number of phases of a held command; some five are usual.
-MAX_PHASES = 32
+MAX_COMMAND_PHASES = 32
 # Speed limit that never stops the shaft.
 NO_STOP_RPM = -1e100
 # Number of bisection steps of the time at which the acceleration limit is reached: enough for full
@@ -502,7 +502,7 @@ def step_second_order(
         dt_s,
         wanted - least,
     )
-    for _ in range(MAX_PHASES):
+    for _ in range(MAX_COMMAND_PHASES):
         if left_s <= 0.0:
             break
         way = 1.0 if v > 0.0 else -1.0

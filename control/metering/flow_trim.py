@@ -103,7 +103,7 @@ DECISION_FLOW_S = 24.0
 # Distance of a share beyond its limit that decides, standard deviations of the line's residuals.
 DECISION_SD = 4.0
 # Least share of an error that must persist in the last third: that of a scale that sways returns.
-PERSISTING_SHARE = 0.75
+PERSISTING_ERROR_SHARE = 0.75
 # Distance beyond `low_share` or `high_share` that rules out a healthy flow, standard deviations.
 FAR_FROM_FLOW_SD = 2.0
 # Blocks at rest: material has left where the scale reads less than in all of these.
@@ -115,20 +115,20 @@ GUST_VARIANCE_KG2 = 0.77
 BLOCKAGE_SD = 3.0
 # Blocks of flow with normal effort before a blockage: a drive that is heavy from its start (cold
 # grease) shows that within some 6 s.
-EASY_EFFORT_BLOCKS = 12
+NORMAL_EFFORT_BLOCKS = 12
 # A blockage shows in the drive's effort within 4 to 6 s (`EFFORT_MEAN_S` of its watch).
 EFFORT_DELAY_BLOCKS = 7
 # A share with a smaller standard deviation than this, within its limits, is a changed flow.
-KNOWN_SHARE_SD = 0.03
+MAX_FLOW_SHARE_SD = 0.03
 # Share by which each block moves the estimate of the scale's noise.
 NOISE_RATE = 0.02
 # The initial noise weighs as much as this many blocks.
 INITIAL_NOISE_BLOCKS = 2.0
 # Initial noise as a factor on the file's variance, a sway of 1 kg: a scale has to show that it is
 # calm.
-INITIAL_NOISE = 20.0
+INITIAL_NOISE_FACTOR = 20.0
 # Greatest noise as a factor on the file's variance.
-MAX_NOISE = 100.0
+MAX_NOISE_FACTOR = 100.0
 # Time constant of the wind's load, s. Gusts last 3 to 30 s; against measured loads this value is
 # right for 8 s within a tenth, and too large for shorter ones.
 SWAY_TAU_S = 16.0
@@ -140,9 +140,9 @@ MAX_SWAY_BENDS, MIN_SWAY_BENDS = 300, 12
 # Second differences beyond the file's noise by this many standard deviations are sway.
 SWAY_DETECTION_SD = 4.0
 # Number of second differences of white noise that are worth one independent value.
-NOISE_BENDS_ALIKE = 1.94
+NOISE_DIFFERENCES_PER_VALUE = 1.94
 # Number of second differences of gusts that are worth one independent value.
-GUST_BENDS_ALIKE = 8.0
+GUST_DIFFERENCES_PER_VALUE = 8.0
 # Initial variance of the steps between weighings, kg2; its weight in weighings, at first and at
 # most.
 INITIAL_STEP_KG2, INITIAL_STEPS, MAX_STEPS = 0.16, 20.0, 200.0
@@ -171,7 +171,7 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 NO_TRIM = (0.0,) * 7
 # This scale reads the same at every pitch.
-LEVEL_SCALE = Scale()
+PITCH_FREE_SCALE = Scale()
 
 
 class _Block(NamedTuple):
@@ -204,7 +204,7 @@ class FlowTrim:
         *,
         outlets: int = 6,
         most_kg_s: float = inf,
-        scale: Scale = LEVEL_SCALE,
+        scale: Scale = PITCH_FREE_SCALE,
     ) -> None:
         """Starts without any weighing.
 
@@ -227,7 +227,7 @@ class FlowTrim:
         self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)
         self._gain_percent = limits.gain_percent
         # Factor on the file's variance.
-        self._noise = INITIAL_NOISE
+        self._noise = INITIAL_NOISE_FACTOR
         # Number of blocks from which the noise was learnt.
         self._judged = 0
         # Variance of the sway, variance of the steps between weighings, kg2, and the weight of the
@@ -534,7 +534,7 @@ class FlowTrim:
         if count >= MIN_SWAY_BENDS:
             # The second differences of white noise are the same at every lag.
             white_kg2 = max(0.0, self._bends[NOISE_LAG][0])
-            chance = SWAY_DETECTION_SD * sqrt(2.0 * NOISE_BENDS_ALIKE / count)
+            chance = SWAY_DETECTION_SD * sqrt(2.0 * NOISE_DIFFERENCES_PER_VALUE / count)
             beyond_kg2 = sways_kg2 - white_kg2
             by_chance_kg2 = chance * (
                 _calc_bend_variance(self._covariance_kg2, SWAY_LAG) + white_kg2
@@ -559,7 +559,10 @@ class FlowTrim:
         """Returns the variance of sway that is not ruled out: that of gusts, reduced by the
         likelihood that the readings are those of the file's scale."""
         evidence = 0.0
-        for lag, alike in ((SWAY_LAG, GUST_BENDS_ALIKE), (NOISE_LAG, NOISE_BENDS_ALIKE)):
+        for lag, alike in (
+            (SWAY_LAG, GUST_DIFFERENCES_PER_VALUE),
+            (NOISE_LAG, NOISE_DIFFERENCES_PER_VALUE),
+        ):
             beyond_kg2, count = self._bends[lag]
             calm_kg2 = _calc_bend_variance(self._covariance_kg2, lag)
             gusts_kg2 = calm_kg2 + GUST_VARIANCE_KG2 * _calc_bend_variance(_calc_sway_left, lag)
@@ -625,7 +628,7 @@ class FlowTrim:
         self._judged += 1
         rate = max(NOISE_RATE, 1.0 / (INITIAL_NOISE_BLOCKS + self._judged))
         self._noise = min(
-            MAX_NOISE, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
+            MAX_NOISE_FACTOR, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
         )
 
     def _bound_estimate(self) -> None:
@@ -799,7 +802,7 @@ class FlowTrim:
         limits, flow = self._limits, list(self._flow)
         share, sd, noise_kg2 = self._fit_share(flow)
         off, lately = share - 1.0, self._fit_share(flow[-len(flow) // 3 :])[0] - 1.0
-        goes_on = off * lately > PERSISTING_SHARE * off * off
+        goes_on = off * lately > PERSISTING_ERROR_SHARE * off * off
         fell = self._explain_fall(-off, sd)
         far = (
             not limits.low_share - FAR_FROM_FLOW_SD * sd
@@ -819,7 +822,7 @@ class FlowTrim:
                 return
             self._suspend_trim(ScaleFinding(beyond_percent=100.0 * off))
         elif self._rests and (
-            (sd < KNOWN_SHARE_SD and 100.0 * abs(off) < limits.most_percent)
+            (sd < MAX_FLOW_SHARE_SD and 100.0 * abs(off) < limits.most_percent)
             or (len(self._flow) == self._flow.maxlen and not self._said.has_fallen)
         ):
             self._said, self._rests = NO_SCALE_FINDING, False
@@ -839,10 +842,10 @@ class FlowTrim:
         is too high."""
         if not self._blocks[-1].labours:
             self._easy_blocks += 1
-            if self._easy_blocks >= EASY_EFFORT_BLOCKS:
+            if self._easy_blocks >= NORMAL_EFFORT_BLOCKS:
                 self._easy = None
             return
-        if self._easy_blocks >= EASY_EFFORT_BLOCKS and len(self._blocks) > EFFORT_DELAY_BLOCKS:
+        if self._easy_blocks >= NORMAL_EFFORT_BLOCKS and len(self._blocks) > EFFORT_DELAY_BLOCKS:
             self._easy = self._blocks[-1 - EFFORT_DELAY_BLOCKS]
         self._easy_blocks = 0
 

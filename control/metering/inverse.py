@@ -23,7 +23,7 @@ TOLERANCE_MM, TOLERANCE_RPM = 1e-4, 1e-4
 # Minimum share of the flow for a division: with every outlet blocked no opening is wide enough.
 MIN_FLOW_SHARE = 1e-3
 # Minimum share of a drive's command or of the flow that remains after known errors.
-MIN_REMAINING_SHARE = 0.2
+MIN_REMAINING_COMMAND_SHARE = 0.2
 
 
 class Conditions(NamedTuple):
@@ -110,7 +110,7 @@ def _find_opening_with_terms(
         at = min(limits.opening_high_mm, max(limits.opening_low_mm, opening))
         more = terms.find_totals(FLOW_TARGETS, shaft_rpm=shaft_rpm, opening_mm=at)
         left = wanted_kg_s - more.flow_kg_min / 60.0 * c.flow_trim
-        share = max(MIN_REMAINING_SHARE, 1.0 + more.flow_percent / 100.0)
+        share = max(MIN_REMAINING_COMMAND_SHARE, 1.0 + more.flow_percent / 100.0)
         found = find_opening_mm(machine, max(0.0, left) / share, shaft_rpm, bare)
         if abs(found - opening) < TOLERANCE_MM:
             return found
@@ -152,16 +152,16 @@ def find_shaft_command(
     p = machine.shaft
     supply_v = p.nominal_supply_v if c.supply_v is None else c.supply_v
     kept = calc_speed_factor(p, ShaftInput(0.0, opening_mm, supply_v, pitch_deg=c.pitch_deg))
-    command = _invert_shaft_curve(p, wanted_rpm / max(MIN_REMAINING_SHARE, kept))
+    command = _invert_shaft_curve(p, wanted_rpm / max(MIN_REMAINING_COMMAND_SHARE, kept))
     if c.terms is None:
         return command
-    bare = max(MIN_REMAINING_SHARE, kept)
+    bare = max(MIN_REMAINING_COMMAND_SHARE, kept)
     for _ in range(MAX_ROUNDS):
         more = c.terms.find_totals(SHAFT_TARGETS, told_rpm=command, opening_mm=opening_mm)
         found = _invert_shaft_curve(
             p,
             max(0.0, wanted_rpm - more.shaft_rpm)
-            / max(MIN_REMAINING_SHARE, bare * (1.0 + more.shaft_percent / 100.0)),
+            / max(MIN_REMAINING_COMMAND_SHARE, bare * (1.0 + more.shaft_percent / 100.0)),
         )
         if abs(found - command) < TOLERANCE_RPM:
             return found
@@ -175,7 +175,7 @@ def _invert_shaft_curve(p: Shaft, settled_rpm: float) -> float:
     if settled_rpm <= 0.0:
         return 0.0
     bend = p.saturation_percent / (100.0 - p.saturation_percent) * settled_rpm / p.full_rpm
-    beyond = settled_rpm / max(MIN_REMAINING_SHARE, 1.0 - bend) + p.dead_zone_rpm
+    beyond = settled_rpm / max(MIN_REMAINING_COMMAND_SHARE, 1.0 - bend) + p.dead_zone_rpm
     return p.neutral_rpm - beyond if p.gain_percent < -100.0 else p.neutral_rpm + beyond
 
 

@@ -10,7 +10,7 @@ from topdress.control.machine.machine import Machine
 from topdress.control.readings import RangeBreach
 
 from .inverse import Conditions, calc_flow_kg_s, calc_lowest_flow_kg_s
-from .strategies import ROUND_UP_SHARE, Pair
+from .strategies import ROUND_UP_SHARE, DrivePair
 
 # The factor converts kg/m2 to kg/ha.
 # Square metres of a hectare.
@@ -81,14 +81,19 @@ def find_speed_range(
 
 
 def find_breach(
-    machine: Machine, pair: Pair, rate_kg_ha: float, speed_mps: float, width_m: float, c: Conditions
+    machine: Machine,
+    pair: DrivePair,
+    rate_kg_ha: float,
+    speed_mps: float,
+    width_m: float,
+    c: Conditions,
 ) -> RangeBreach | None:
     """Returns the rate that the machine spreads in place of a rate beyond its range.
 
     Parameters
     ----------
     pair
-        Planned positions of the drives, with the limit that was met (`Pair.limited`).
+        Planned positions of the drives, with the limit that was met (`DrivePair.limited`).
     rate_kg_ha
         The wanted rate.
     machine, speed_mps, width_m, c

@@ -36,14 +36,14 @@ from .inverse import (
     find_opening_mm,
     find_shaft_command,
 )
-from .strategies import Pair, find_pair
+from .strategies import DrivePair, find_pair
 from .trims import NO_ERROR, DriveTrim, UncorrectedError
 
 # A change of strategy is spread over this time, s.
 STRATEGY_SWITCH_S = 4.0
 # |log| of rate after over rate before, from which the gate makes the change in speed first: the
 # edges of a map's zones, but not two grades of a canopy in one second.
-ABRUPT_LOG_RATIO = 0.35
+ABRUPT_RATE_LOG_RATIO = 0.35
 # Share of the opening by which it then returns in a second. The shaft compensates, so slowly that
 # no tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly).
 RETURN_SHARE_PER_S = 0.02
@@ -85,7 +85,7 @@ class PairPlanner:
             else DEFAULT_DRAWN_OUT_SHARE
         )
         # Pair of the last command; None for a standing shaft.
-        self._last: Pair | None = None
+        self._last: DrivePair | None = None
         self._drawn_rpm: float | None = None
         self._before: Strategy | None = None
         # Opening at which speed first turns its shaft, mm.
@@ -110,7 +110,7 @@ class PairPlanner:
         opening_now_mm: float,
         c: Conditions,
         left: UncorrectedError = NO_ERROR,
-    ) -> Pair:
+    ) -> DrivePair:
         """Returns the true shaft speed and opening to aim at, without small moves.
 
         Parameters
@@ -145,11 +145,11 @@ class PairPlanner:
                 machine.limits,
                 self._draw_out_shaft(goal.shaft_rpm * goal.opening_mm / opening, dt_s),
             )
-            goal = Pair(min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, shaft)), opening)
+            goal = DrivePair(min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, shaft)), opening)
         return self._drop_small_moves(goal) if goal.shaft_rpm > 0.0 else goal
 
     def _calc_compensation(
-        self, goal: Pair, wanted_kg_s: float, opening_now_mm: float, c: Conditions
+        self, goal: DrivePair, wanted_kg_s: float, opening_now_mm: float, c: Conditions
     ) -> float:
         if goal.shaft_rpm <= 0.0 or self.left == NO_ERROR:
             return 1.0
@@ -158,7 +158,7 @@ class PairPlanner:
             self.machine, *plain[:2], c
         )
 
-    def record_command(self, pair: Pair) -> None:
+    def record_command(self, pair: DrivePair) -> None:
         """Stores the pair that was commanded in this tick; a shaft speed of 0 stopped the flow."""
         self._last = pair if pair.shaft_rpm > 0.0 else None
         if self._last is None:
@@ -179,7 +179,7 @@ class PairPlanner:
         self._drawn_rpm = n + share * (settled_rpm - n)
         return self._drawn_rpm
 
-    def _drop_small_moves(self, planned: Pair) -> Pair:
+    def _drop_small_moves(self, planned: DrivePair) -> DrivePair:
         """Returns the pair without small moves, in steps of the drives' resolution."""
         limits, last = self.machine.limits, self._last
         shaft = opening = None
@@ -196,7 +196,7 @@ class PairPlanner:
             band_mm = max(PLAN_BAND_MM, PLAN_BAND_MM_SHARE * last.opening_mm)
             if not rests and abs(planned.opening_mm - last.opening_mm) < band_mm:
                 opening = last.opening_mm
-        return Pair(
+        return DrivePair(
             _round_to_step(planned.shaft_rpm, limits.shaft_resolution_rpm)
             if shaft is None
             else shaft,
@@ -206,7 +206,9 @@ class PairPlanner:
             planned.limited,
         )
 
-    def find_settled_pair(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
+    def find_settled_pair(
+        self, wanted_kg_s: float, opening_now_mm: float, c: Conditions
+    ) -> DrivePair:
         """Returns the pair of the present strategy as if it had always been in force."""
         return find_pair(
             self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left
@@ -220,7 +222,7 @@ class PairPlanner:
         from 450 to 150 kg/ha came 1.2 m late."""
         if not self.is_shaft_metering or min(before_kg_ha, after_kg_ha) <= 0.0:
             return None
-        if abs(log(after_kg_ha / before_kg_ha)) < ABRUPT_LOG_RATIO:
+        if abs(log(after_kg_ha / before_kg_ha)) < ABRUPT_RATE_LOG_RATIO:
             return None
         limits = self.machine.limits
         return min(
@@ -245,7 +247,7 @@ class PairPlanner:
 
     def find_goal(
         self, wanted_kg_s: float, now_s: float, opening_now_mm: float, c: Conditions
-    ) -> Pair:
+    ) -> DrivePair:
         """Returns the settled pair to plan towards. While the strategy changes the shaft goes
         over gradually, and the opening follows it."""
         goal = self.find_settled_pair(wanted_kg_s, opening_now_mm, c)
@@ -264,7 +266,7 @@ class PairPlanner:
             find_opening_mm(self.machine, wanted_kg_s, (1.0 + self.left.shaft_share) * shaft, c)
             - self.left.gate_mm
         )
-        return Pair(
+        return DrivePair(
             shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited
         )
 
@@ -274,7 +276,7 @@ class PairPlanner:
             return SettledPair(1.1 * pair.shaft_rpm, pair.opening_mm)
         return SettledPair(pair.shaft_rpm, 1.1 * pair.opening_mm)
 
-    def make_untrimmed_command(self, pair: Pair, c: Conditions) -> DriveCommand:
+    def make_untrimmed_command(self, pair: DrivePair, c: Conditions) -> DriveCommand:
         """Returns the set-points of the drives without trims and rounding; 0 stops the shaft."""
         if pair.shaft_rpm <= 0.0:
             return DriveCommand(0.0, find_gate_command(self.machine, pair.opening_mm, c))
@@ -284,7 +286,7 @@ class PairPlanner:
         )
 
     def make_command(
-        self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None
+        self, pair: DrivePair, c: Conditions, trim: DriveTrim, last: DriveCommand | None
     ) -> DriveCommand:
         """Returns the set-points of the drives: trimmed, rounded to the drives' resolution,
         without small moves."""

@@ -22,7 +22,7 @@ from .trims import NO_ERROR, UncorrectedError
 ROUND_UP_SHARE = 0.5
 
 
-class Pair(NamedTuple):
+class DrivePair(NamedTuple):
     """Holds true shaft speed and opening. `limited` is the limit that was met: "", "lowest",
     "highest" or "zero" (less than half the lowest)."""
 
@@ -54,7 +54,7 @@ def describe_reach(
     pair = (
         find_pair(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm)
         if to_kg_ha
-        else Pair(0.0, 0.0)
+        else DrivePair(0.0, 0.0)
     )
     by_shaft = strategy is Strategy.SPEED_FIRST
     ends = (
@@ -95,7 +95,7 @@ def find_pair(
     c: Conditions = Conditions(),
     at_mm: float | None = None,
     left: UncorrectedError = NO_ERROR,
-) -> Pair:
+) -> DrivePair:
     """Returns the pair that gives `wanted_kg_s` within the limits of the drives. Below half the
     smallest flow the pair is zero, between that and the smallest flow it is the smallest.
 
@@ -109,9 +109,9 @@ def find_pair(
     limits = machine.limits
     lowest = calc_lowest_flow_kg_s(machine, c)
     if not wanted_kg_s > ROUND_UP_SHARE * lowest:
-        return Pair(0.0, opening_now_mm, "" if wanted_kg_s <= 0.0 else "zero")
+        return DrivePair(0.0, opening_now_mm, "" if wanted_kg_s <= 0.0 else "zero")
     if wanted_kg_s < lowest:
-        return Pair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")
+        return DrivePair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")
     if strategy is Strategy.SPEED_FIRST:
         return _find_speed_first(
             machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c, left
@@ -121,7 +121,7 @@ def find_pair(
 
 def _find_opening_first(
     machine: Machine, wanted: float, c: Conditions, left: UncorrectedError
-) -> Pair:
+) -> DrivePair:
     low, high, shaft_rpm = (
         machine.limits.opening_low_mm,
         machine.limits.opening_high_mm,
@@ -131,29 +131,29 @@ def _find_opening_first(
         find_opening_mm(machine, wanted, (1.0 + left.shaft_share) * shaft_rpm, c) - left.gate_mm
     )
     if low <= opening <= high:
-        return Pair(shaft_rpm, opening)
+        return DrivePair(shaft_rpm, opening)
     opening = min(high, max(low, opening))
     return _find_shaft_within_limits(machine, wanted, opening, c)
 
 
 def _find_speed_first(
     machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: UncorrectedError
-) -> Pair:
+) -> DrivePair:
     low, high = machine.limits.shaft_low_rpm, machine.limits.shaft_high_rpm
     shaft = find_shaft_rpm(machine, wanted, opening_mm + left.gate_mm, c) / (1.0 + left.shaft_share)
     if low <= shaft <= high:
-        return Pair(shaft, opening_mm)
+        return DrivePair(shaft, opening_mm)
     shaft = min(high, max(low, shaft))
     opening = find_opening_mm(machine, wanted, shaft, c)
     if opening > machine.limits.opening_high_mm:
-        return Pair(shaft, machine.limits.opening_high_mm, "highest")
-    return Pair(shaft, max(machine.limits.opening_low_mm, opening))
+        return DrivePair(shaft, machine.limits.opening_high_mm, "highest")
+    return DrivePair(shaft, max(machine.limits.opening_low_mm, opening))
 
 
 def _find_shaft_within_limits(
     machine: Machine, wanted: float, opening_mm: float, c: Conditions
-) -> Pair:
+) -> DrivePair:
     shaft = find_shaft_rpm(machine, wanted, opening_mm, c)
     if shaft > machine.limits.shaft_high_rpm:
-        return Pair(machine.limits.shaft_high_rpm, opening_mm, "highest")
-    return Pair(max(machine.limits.shaft_low_rpm, shaft), opening_mm)
+        return DrivePair(machine.limits.shaft_high_rpm, opening_mm, "highest")
+    return DrivePair(max(machine.limits.shaft_low_rpm, shaft), opening_mm)

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import Rule, make_rate_table, prepare_rule
+from topdress.control.agronomy.noa import CropRule, make_rate_table, prepare_rule
 from topdress.control.agronomy.sampling import (
     FREQUENCIES_HZ,
-    Evenness,
+    ReadingUniformity,
     choose_frequency,
     tabulate_frequencies,
 )
@@ -98,7 +98,7 @@ def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     # The paper's statistics take the place of readings, so that the program's own choice can be
     # applied.
     papers = [
-        {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
+        {hz: ReadingUniformity(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
         for k in range(len(PLOT_NAMES))
     ]
     chosen = choose_frequency(papers)
@@ -188,14 +188,14 @@ def simulate_sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     ), words
 
 
-def _count_best_draws(draws: list[list[dict[float, Evenness]]]) -> int:
+def _count_best_draws(draws: list[list[dict[float, ReadingUniformity]]]) -> int:
     """Returns the number of draws in which 1 Hz changes the statistics of the canopy least."""
     return sum(choose_frequency(draw).frequency_hz == 1.0 for draw in draws)
 
 
 def _simulate_plots(
     length_m: float, correlation_m: float, seed: int
-) -> list[dict[float, Evenness]]:
+) -> list[dict[float, ReadingUniformity]]:
     return [
         tabulate_frequencies(_simulate_readings(cv_percent, length_m, correlation_m, seed + k))
         # Each plot has a seed of its own.
@@ -285,7 +285,7 @@ def _calc_mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
     return float(np.average(values, weights=np.exp(-0.5 * z * z)))
 
 
-def simulate_amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
+def simulate_amounts(machine: Machine, crop: Crop, rule: CropRule, seed: int) -> Table:
     """Returns FC of table 2 on the simulated machine and a canopy of its printed NDVI: with the
     machine file, and with an unknown additional outflow of 7 %."""
     # The second machine releases 7 % more than its machine file states.
@@ -316,7 +316,7 @@ def simulate_amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Tab
 
 
 def _simulate_plot(
-    machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int, effects: tuple[str, ...]
+    machine: Machine, crop: Crop, rule: CropRule, ndvi: float, seed: int, effects: tuple[str, ...]
 ) -> tuple[float, float, float]:
     """Returns the target mass, kg, the truly released mass over the plot, kg, and the error, %."""
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)

@@ -14,7 +14,7 @@ from topdress.control.agronomy.noa import (
     make_rate_table,
     prepare_rule,
 )
-from topdress.control.agronomy.sampling import FREQUENCIES_HZ, Evenness, choose_frequency
+from topdress.control.agronomy.sampling import FREQUENCIES_HZ, ReadingUniformity, choose_frequency
 
 from .page import ROUNDING_TEXT, Claim, ResultOrigin, Table, compare_numbers
 from .published import (
@@ -172,7 +172,7 @@ def list_sampling_claims(simulated: Table) -> list[Claim]:
     most, least = int(spread.argmax()), int(spread.argmin())
     # The function of the program takes the paper's figures in place of readings.
     plots = [
-        {hz: Evenness(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
+        {hz: ReadingUniformity(0, 0.0, *SAMPLING_PERCENT[hz][k]) for hz in FREQUENCIES_HZ}
         for k in range(len(PLOT_NAMES))
     ]
     chosen = choose_frequency(plots)

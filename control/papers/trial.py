@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 from topdress.control.agronomy.sampling import (
-    Evenness,
     FrequencyChoice,
+    ReadingUniformity,
     choose_frequency,
     measure_evenness,
     tabulate_frequencies,
@@ -147,7 +147,7 @@ def make_frequency_table(trial: FieldTrial) -> tuple[Table, str]:
     ), said
 
 
-def _list_evenness(plot: TrialPlot, hz: float) -> dict[float, Evenness]:
+def _list_evenness(plot: TrialPlot, hz: float) -> dict[float, ReadingUniformity]:
     wanted = [
         hz / 2**k for k in range(HALVING_COUNT + 1) if len(plot.before) / 2**k >= MIN_READINGS
     ]
@@ -190,19 +190,19 @@ def make_canopy_table(trial: FieldTrial) -> Table:
     )
 
 
-def _combine_evenness(parts: Sequence[Evenness]) -> Evenness:
+def _combine_evenness(parts: Sequence[ReadingUniformity]) -> ReadingUniformity:
     seen = [part for part in parts if part.n]
     # A treatment without readings after the dressing shows empty cells.
     if not seen:
-        return Evenness(0, *(float("nan"),) * 3)
-    return Evenness(
+        return ReadingUniformity(0, *(float("nan"),) * 3)
+    return ReadingUniformity(
         sum(part.n for part in seen),
         *(float(np.nanmean([part[k] for part in seen])) for k in (1, 2, 3)),
     )
 
 
 def _make_canopy_row(
-    treatment: str, name: str, before: Evenness, after: Evenness
+    treatment: str, name: str, before: ReadingUniformity, after: ReadingUniformity
 ) -> tuple[TableCell, ...]:
     return (
         treatment,

@@ -54,7 +54,7 @@ OUTLIER_SD = 10.0
 MAD_SD = 1.4826
 # Nine in ten normal values are within this many standard deviations: a column that jumps more often
 # has no outliers.
-NINE_IN_TEN_SD = 1.645
+TWO_SIDED_90_QUANTILE = 1.645
 NDVI_COLUMNS = (*HEAD_COLUMNS, "ndvi")
 
 # Vegetation indices and places are blanked outside their range, because their definition limits
@@ -132,7 +132,7 @@ def blank_outliers(name: str, values: Floats, findings: list[Finding]) -> Floats
     steps = np.diff(np.unique(seen))
     scale = np.maximum(
         MAD_SD * median_filter(off, OUTLIER_SPREAD_WINDOW),
-        np.percentile(off, 90.0) / NINE_IN_TEN_SD,
+        np.percentile(off, 90.0) / TWO_SIDED_90_QUANTILE,
     )
     far = rows[
         off

@@ -10,9 +10,9 @@ from typing import NamedTuple
 from topdress.control.orders import CANOPY_SOURCES, PLACE_SOURCES, State
 from topdress.control.readings import RefusedSpeed
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.memory import Memory
+from topdress.control.safety.memory import SafetyMemory
 from topdress.control.safety.sensor_validity import ValidReadings, has_lasted
-from topdress.control.safety.words import Details, Situation
+from topdress.control.safety.words import Details, SafetySituation
 
 # Share of its limit down to which a reported trim remains reported.
 TRIM_HYSTERESIS = 0.7
@@ -25,13 +25,13 @@ _WORKED = frozenset({State.READY, State.WORKING, State.HELD})
 _WORKING = frozenset({State.WORKING})
 
 
-class Facts(NamedTuple):
+class ConditionFacts(NamedTuple):
     """Holds all that a condition may depend on. `memory` has the state of the tick before, and
     what is watched up to this tick."""
 
-    memory: Memory
+    memory: SafetyMemory
     now_s: float
-    situation: Situation
+    situation: SafetySituation
     seen: ValidReadings
     limits: SafetyLimits
 
@@ -54,10 +54,10 @@ class AlarmCondition(NamedTuple):
     """Declares the cause of an alarm. `find_details` returns None without a cause."""
 
     states: frozenset[State]
-    find_details: Callable[[Facts], Details | None]
+    find_details: Callable[[ConditionFacts], Details | None]
 
 
-def find_causes(facts: Facts) -> dict[str, Details]:
+def find_causes(facts: ConditionFacts) -> dict[str, Details]:
     """Returns the details of each alarm whose cause is present in the state of the tick before,
     by alarm id."""
     state = facts.memory.state
@@ -68,7 +68,9 @@ def find_causes(facts: Facts) -> dict[str, Details]:
     }
 
 
-def _find_speed_doubt(f: Facts, refused: RefusedSpeed, wheel_above: bool) -> Details | None:
+def _find_speed_doubt(
+    f: ConditionFacts, refused: RefusedSpeed, wheel_above: bool
+) -> Details | None:
     """Finds contradicting speeds: immediately if the wrong sensor is known, otherwise after
     `speeds_differ_s`."""
     doubt = f.situation.speed_doubt
@@ -86,13 +88,13 @@ def _find_speed_doubt(f: Facts, refused: RefusedSpeed, wheel_above: bool) -> Det
     )
 
 
-def _find_refused_place(f: Facts, walks: bool) -> Details | None:
+def _find_refused_place(f: ConditionFacts, walks: bool) -> Details | None:
     off_m = f.situation.position_refused_m
     found = off_m is not None and f.situation.position_walks == walks
     return (("off_m", _round_known(off_m)),) if found else None
 
 
-def _find_silent_heads(f: Facts, by_map: bool) -> Details | None:
+def _find_silent_heads(f: ConditionFacts, by_map: bool) -> Details | None:
     s, silent_s = f.situation, f.limits.ndvi_silent_s
     if s.target_source not in CANOPY_SOURCES or s.by_index_map != by_map:
         return None
@@ -100,7 +102,7 @@ def _find_silent_heads(f: Facts, by_map: bool) -> Details | None:
     return () if silent else None
 
 
-def _find_few_heads(f: Facts) -> Details | None:
+def _find_few_heads(f: ConditionFacts) -> Details | None:
     s, least = f.situation, f.limits.heads_min
     if s.target_source not in CANOPY_SOURCES or s.valid_heads is None or s.valid_heads >= least:
         return None
@@ -109,7 +111,7 @@ def _find_few_heads(f: Facts) -> Details | None:
     return (("valid_heads", s.valid_heads), ("limit", least)) if judged else None
 
 
-def _find_unused_range(f: Facts, above: bool) -> Details | None:
+def _find_unused_range(f: ConditionFacts, above: bool) -> Details | None:
     """Finds a rate beyond the machine's range, and adds the speed at which the rate is possible."""
     breach = f.situation.range_breach
     lasted = f.has_lasted(f.memory.beyond_range_since_s, f.limits.beyond_range_s)
@@ -122,24 +124,24 @@ def _find_unused_range(f: Facts, above: bool) -> Details | None:
     )
 
 
-def _is_rate_far_off(f: Facts) -> bool:
+def _is_rate_far_off(f: ConditionFacts) -> bool:
     return f.has_lasted(f.memory.rate.red_since_s, f.limits.rate_red_s)
 
 
-def _is_shaft_far_off(f: Facts) -> bool:
+def _is_shaft_far_off(f: ConditionFacts) -> bool:
     return f.has_lasted(f.memory.follow.shaft_far_since_s, f.limits.drive_far_s)
 
 
-def _is_gate_far_off(f: Facts) -> bool:
+def _is_gate_far_off(f: ConditionFacts) -> bool:
     return f.has_lasted(f.memory.follow.gate_far_since_s, f.limits.drive_far_s)
 
 
-def _list_shaft_speeds(f: Facts, told_rpm: float) -> Details:
+def _list_shaft_speeds(f: ConditionFacts, told_rpm: float) -> Details:
     speed_rpm = f.situation.commanded.expected_rpm + f.memory.follow.shaft_off_rpm
     return ("shaft_rpm", _round_known(speed_rpm)), ("told_rpm", _round_known(told_rpm))
 
 
-def _list_openings(f: Facts) -> Details:
+def _list_openings(f: ConditionFacts) -> Details:
     expected_mm = f.situation.commanded.expected_mm
     return (
         ("opening_mm", _round_known(expected_mm + f.memory.follow.gate_off_mm, 1)),
@@ -147,14 +149,14 @@ def _list_openings(f: Facts) -> Details:
     )
 
 
-def _find_trim(f: Facts) -> Details | None:
+def _find_trim(f: ConditionFacts) -> Details | None:
     trimmed = f.situation.scale.trimmed_percent
     share = TRIM_HYSTERESIS if f.is_live("flow_trimmed") else 1.0
     # A trim that is not a number is none.
     return _find_percent(trimmed) if abs(trimmed) > f.limits.trimmed_percent * share else None
 
 
-def _find_moved_calibration(f: Facts) -> Details | None:
+def _find_moved_calibration(f: ConditionFacts) -> Details | None:
     fastest = max(f.seen.wheel_speed_mps or 0.0, f.seen.gnss_speed_mps or 0.0)
     return (
         (("speed_mps", round(fastest, 2)),)
@@ -163,7 +165,7 @@ def _find_moved_calibration(f: Facts) -> Details | None:
     )
 
 
-def _find_empty_hopper(f: Facts) -> Details | None:
+def _find_empty_hopper(f: ConditionFacts) -> Details | None:
     """Finds an empty hopper at work; the alarm remains until a refill, because a hold does not
     fill the hopper."""
     asked = f.memory.state is State.WORKING or f.is_live("hopper_empty")
@@ -171,30 +173,30 @@ def _find_empty_hopper(f: Facts) -> Details | None:
     return (("hopper_kg", round(f.seen.hopper_kg or 0.0, 1)),) if empty else None
 
 
-def _find_lost_place(f: Facts) -> Details | None:
+def _find_lost_place(f: ConditionFacts) -> Details | None:
     s = f.situation
     lost = s.target_source in PLACE_SOURCES and not s.position_ok
     return () if lost and (f.memory.motion.moving or not s.course_awaited) else None
 
 
-def _find_silent_gnss(f: Facts) -> Details | None:
+def _find_silent_gnss(f: ConditionFacts) -> Details | None:
     awaited = f.situation.measurements.gnss is not None or f.on_s > f.limits.gnss_period_max_s
     return () if awaited and not f.seen.gnss_ok else None
 
 
-def _find_missing_flow(f: Facts, above: bool) -> Details | None:
+def _find_missing_flow(f: ConditionFacts, above: bool) -> Details | None:
     share = f.situation.scale.share
     return None if share is None or (share < 1.0) == above else _find_percent(100.0 * share)
 
 
-def _find_short_lead(f: Facts) -> Details | None:
+def _find_short_lead(f: ConditionFacts) -> Details | None:
     """Finds a speed that is too high for the heads' lead; on the road nothing is spread."""
     speed_mps = f.situation.usable_speed_mps
     short = f.situation.target_source in CANOPY_SOURCES and speed_mps is not None
     return (("usable_speed_mps", _round_known(speed_mps, 1)),) if short else None
 
 
-def _find_silent_speeds(f: Facts) -> Details | None:
+def _find_silent_speeds(f: ConditionFacts) -> Details | None:
     """Finds that no speed was used for `speed_silent_s`, or that the newest is older. A standing
     wheel is not silent while it reads 0."""
     silent_s, heard_s = f.limits.speed_silent_s, f.seen.speed_heard_s
@@ -443,6 +445,6 @@ def _round_to_tens(metres: float | None) -> str | float:
     return round(metres / 10.0) * 10 if metres is not None and isfinite(metres) else _UNKNOWN
 
 
-def is_target_acceptable(s: Situation, limits: SafetyLimits) -> bool:
+def is_target_acceptable(s: SafetySituation, limits: SafetyLimits) -> bool:
     """Returns whether the target is a number from 0 to the product's absolute limit."""
     return 0.0 <= s.target_rate_kg_ha <= limits.rate_max_kg_ha

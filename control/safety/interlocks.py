@@ -11,9 +11,9 @@ from topdress.control.orders import PLACE_SOURCES, State
 from topdress.control.safety.alarm_conditions import is_target_acceptable
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Allowances
-from topdress.control.safety.motion import Motion, is_awaiting_course
+from topdress.control.safety.motion import MotionState, is_awaiting_course
 from topdress.control.safety.sensor_validity import ValidReadings
-from topdress.control.safety.words import Situation
+from topdress.control.safety.words import SafetySituation
 from topdress.control.signals import N_
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(
@@ -47,9 +47,9 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType(
 
 def find_interlocks(
     state: State,
-    s: Situation,
+    s: SafetySituation,
     seen: ValidReadings,
-    motion: Motion,
+    motion: MotionState,
     allow: Allowances,
     has_work_switch: bool,
     below_range: bool,
@@ -79,14 +79,18 @@ def find_interlocks(
     )
 
 
-def _is_shaft_resting(s: Situation) -> bool:
+def _is_shaft_resting(s: SafetySituation) -> bool:
     """Returns whether the wanted rate is so far below the machine's range that its shaft is
     stopped."""
     return s.range_breach is not None and s.range_breach.given_kg_ha <= 0.0
 
 
 def _check_speed(
-    s: Situation, seen: ValidReadings, motion: Motion, allow: Allowances, limits: SafetyLimits
+    s: SafetySituation,
+    seen: ValidReadings,
+    motion: MotionState,
+    allow: Allowances,
+    limits: SafetyLimits,
 ) -> tuple[str, ...]:
     if seen.speed_mps is None:
         return ("speed_silent",)
@@ -100,7 +104,7 @@ def _check_speed(
     return ("reversing",) if motion.reversing and not allow.reverse else ()
 
 
-def _name_missing_speed(s: Situation, seen: ValidReadings, limits: SafetyLimits) -> str:
+def _name_missing_speed(s: SafetySituation, seen: ValidReadings, limits: SafetyLimits) -> str:
     """Returns the interlock of a machine whose used speed is sufficient but which has not
     started."""
     if not limits.both_speeds_to_start or s.speed_doubt is not None:
@@ -110,7 +114,7 @@ def _name_missing_speed(s: Situation, seen: ValidReadings, limits: SafetyLimits)
     return "gnss_speed_missing" if seen.gnss_speed_mps is None else "low_speed"
 
 
-def _check_place(s: Situation, allow: Allowances) -> tuple[str, ...]:
+def _check_place(s: SafetySituation, allow: Allowances) -> tuple[str, ...]:
     where = "course_unknown" if s.course_awaited else "position_lost"
     lost = (where,) if s.target_source in PLACE_SOURCES and not s.position_ok else ()
     outside = ("outside_field",) if s.landing_inside is False and not allow.outside else ()
@@ -118,6 +122,6 @@ def _check_place(s: Situation, allow: Allowances) -> tuple[str, ...]:
     return lost + outside + elsewhere
 
 
-def _check_records(s: Situation, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:
+def _check_records(s: SafetySituation, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:
     log = () if s.log_ok or allow.unlogged else ("log_failed",)
     return log if is_target_acceptable(s, limits) else (*log, "target_refused")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from topdress.control.orders import State
 from topdress.control.safety.alarms import LiveAlarm
-from topdress.control.safety.motion import Motion
+from topdress.control.safety.motion import MotionState
 from topdress.control.safety.standstill_monitor import StandstillWatch
 from topdress.control.safety.work_watch import FollowWatch, HopperTimes, RateWatch
 
@@ -25,7 +25,7 @@ class Allowances(NamedTuple):
     no_wheel: bool = False
 
 
-class Memory(NamedTuple):
+class SafetyMemory(NamedTuple):
     """Holds the state of safety after a tick."""
 
     state: State = State.OFF
@@ -42,7 +42,7 @@ class Memory(NamedTuple):
     allow: Allowances = Allowances()
     # Whether flow was allowed in the last tick.
     flowing: bool = False
-    motion: Motion = Motion()
+    motion: MotionState = MotionState()
     rate: RateWatch = RateWatch()
     hopper: HopperTimes = HopperTimes()
     stand: StandstillWatch = StandstillWatch()

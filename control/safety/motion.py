@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s
-from topdress.control.safety.words import Situation
+from topdress.control.safety.words import SafetySituation
 
 
-class Motion(NamedTuple):
+class MotionState(NamedTuple):
     """Holds the movement of the machine after a tick."""
 
     # Whether the machine has exceeded the start speed, and not fallen below the stop speed since.
@@ -34,15 +34,15 @@ class Motion(NamedTuple):
 
 
 def update_motion(
-    before: Motion,
+    before: MotionState,
     now_s: float,
-    s: Situation,
+    s: SafetySituation,
     seen: ValidReadings,
     allow_reverse: bool,
     limits: SafetyLimits,
     start_held: bool = False,
     by_gnss: bool = False,
-) -> Motion:
+) -> MotionState:
     """Returns the movement after this tick. by_gnss: whether the wheel has failed and work without
     it is permitted.
 
@@ -90,7 +90,7 @@ def update_motion(
     launched = before.launched_since_s if start_held and not moving else None
     if launched is None and creeping:
         launched = now_s
-    return Motion(
+    return MotionState(
         moving,
         find_since_s(before.standing_since_s, now_s, standing),
         find_since_s(before.speed_lost_since_s, now_s, speed is None),
@@ -111,7 +111,7 @@ def update_motion(
     )
 
 
-def is_awaiting_course(motion: Motion) -> bool:
+def is_awaiting_course(motion: MotionState) -> bool:
     """Returns whether the machine has stood since its last course, so that its direction is
     unknown."""
     return motion.stood and motion.course_deg is not None

@@ -9,14 +9,14 @@ from typing import NamedTuple
 from topdress.control.orders import Answer, Do, Order, State
 from topdress.control.safety.alarms import acknowledge_alarms, find_unacknowledged_red
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.memory import Allowances, Memory
+from topdress.control.safety.memory import Allowances, SafetyMemory
 from topdress.control.safety.words import make_refusal
 
 ACCEPTED = Answer(True)
-Outcome = tuple[Memory, Answer]
+Outcome = tuple[SafetyMemory, Answer]
 
 
-def handle_order(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def handle_order(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     """Returns the memory after an order, and the answer. A refused order changes no state."""
     handler = _HANDLERS.get(order.do)
     if handler is None:
@@ -28,15 +28,15 @@ def _refuse_order(message_id: str, **details: str | float) -> Answer:
     return Answer(False, make_refusal(message_id, **details))
 
 
-def _refuse_state(m: Memory) -> Outcome:
+def _refuse_state(m: SafetyMemory) -> Outcome:
     return m, _refuse_order("not_from_state", state=m.state.value)
 
 
-def _enter_state(m: Memory, state: State, why: Do, now_s: float) -> Memory:
+def _enter_state(m: SafetyMemory, state: State, why: Do, now_s: float) -> SafetyMemory:
     return m._replace(state=state, why_state=why.value, entered_s=now_s, flowing=False)
 
 
-def _handle_ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_ready(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if m.state is State.READY:
         return m, ACCEPTED
     if m.state not in (State.OFF, State.HELD, State.FAULT):
@@ -48,7 +48,7 @@ def _handle_ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -
     return _enter_state(m, State.READY, order.do, now_s), ACCEPTED
 
 
-def _handle_start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_start(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     """Handles START. True means that the button is down; the console repeats the order. A press
     that continued beyond the end of work does not resume work: leaving held requires a new press.
     """
@@ -67,7 +67,7 @@ def _handle_start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -
     return _enter_state(m, State.WORKING, order.do, now_s), ACCEPTED
 
 
-def _handle_hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_hold(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     """Handles HOLD, which also ends calibrating and returns to ready."""
     if m.state is State.HELD:
         return m, ACCEPTED
@@ -78,7 +78,7 @@ def _handle_hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) ->
     return _refuse_state(m)
 
 
-def _handle_stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_stop(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if m.state is State.OFF:
         return m._replace(allow=Allowances()), ACCEPTED
     return _enter_state(m, State.OFF, order.do, now_s)._replace(
@@ -86,7 +86,7 @@ def _handle_stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) ->
     ), ACCEPTED
 
 
-def _handle_calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_calibrate(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     """Starts or continues a calibrating run: the console repeats the order while the button is
     down.
 
@@ -113,23 +113,25 @@ def _handle_calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimit
     ), ACCEPTED
 
 
-def _handle_release(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_release(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     """Handles the release of the button, which is always accepted, also after a run that ended
     by itself."""
-    up = m._replace(calibrate_s=Memory().calibrate_s)
+    up = m._replace(calibrate_s=SafetyMemory().calibrate_s)
     return (
         _enter_state(up, State.READY, order.do, now_s) if m.state is State.CALIBRATING else up
     ), ACCEPTED
 
 
-def _handle_acknowledge(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_acknowledge(
+    m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits
+) -> Outcome:
     wanted = "" if order.value is None else str(order.value)
     if wanted and all(entry.alarm.id != wanted for entry in m.live):
         return m, _refuse_order("no_such_alarm", alarm=wanted.replace(";", " "))
     return m._replace(live=acknowledge_alarms(m.live, wanted)), ACCEPTED
 
 
-def _handle_allowance(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_allowance(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if not isinstance(order.value, bool):
         return m, _refuse_order("yes_or_no")
     return m._replace(
@@ -137,13 +139,13 @@ def _handle_allowance(m: Memory, order: Order, now_s: float, limits: SafetyLimit
     ), ACCEPTED
 
 
-def _handle_unlogged(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_unlogged(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if order.value is True and m.log_ok:
         return m, _refuse_order("log_works")
     return _handle_allowance(m, order, now_s, limits)
 
 
-def _handle_refill(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _handle_refill(m: SafetyMemory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     kg = None if order.value is None else _read_number(order.value)
     if kg is None or not kg > 0.0:
         return m, _refuse_order("refill_kg")
@@ -163,7 +165,7 @@ _ALLOWANCE_FIELDS = {
     Do.ALLOW_NO_WHEEL: "no_wheel",
     Do.GO_ON_UNLOGGED: "unlogged",
 }
-_HANDLERS: Mapping[Do, Callable[[Memory, Order, float, SafetyLimits], Outcome]] = {
+_HANDLERS: Mapping[Do, Callable[[SafetyMemory, Order, float, SafetyLimits], Outcome]] = {
     Do.READY: _handle_ready,
     Do.START: _handle_start,
     Do.HOLD: _handle_hold,

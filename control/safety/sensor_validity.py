@@ -15,7 +15,7 @@ from topdress.control.readings import (
     is_reading_fresh,
 )
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.words import Situation
+from topdress.control.safety.words import SafetySituation
 
 
 class ValidReadings(NamedTuple):
@@ -49,7 +49,7 @@ class ValidReadings(NamedTuple):
         return self.opening_mm is not None
 
 
-def judge_readings(now_s: float, s: Situation, limits: SafetyLimits) -> ValidReadings:
+def judge_readings(now_s: float, s: SafetySituation, limits: SafetyLimits) -> ValidReadings:
     """Returns the readings of situation `s` that are valid at `now_s` (seconds on the loop's
     clock)."""
     m = s.measurements

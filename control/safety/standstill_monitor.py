@@ -12,7 +12,7 @@ from typing import NamedTuple
 from topdress.control.readings import is_reading_fresh
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
-from topdress.control.safety.words import Situation
+from topdress.control.safety.words import SafetySituation
 
 # A shaft decelerates while it is below this share of its highest speed since the last deceleration.
 SLOWING_SHARE = 0.9
@@ -73,7 +73,11 @@ class StandstillWatch(NamedTuple):
 
 
 def update_standstill(
-    before: StandstillWatch, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
+    before: StandstillWatch,
+    now_s: float,
+    s: SafetySituation,
+    seen: ValidReadings,
+    limits: SafetyLimits,
 ) -> StandstillWatch:
     """Returns the watch after this tick."""
     return StandstillWatch(
@@ -84,7 +88,7 @@ def update_standstill(
 
 
 def _watch_shaft(
-    before: ShaftStand, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
+    before: ShaftStand, now_s: float, s: SafetySituation, seen: ValidReadings, limits: SafetyLimits
 ) -> ShaftStand:
     if s.commanded.turn:
         return SHAFT_TURNING
@@ -116,7 +120,7 @@ def _watch_shaft(
 
 
 def _watch_gate(
-    before: GateStand, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
+    before: GateStand, now_s: float, s: SafetySituation, seen: ValidReadings, limits: SafetyLimits
 ) -> GateStand:
     """Monitors the gate, which may be neither above its set-point nor above its earlier position.
 
@@ -145,7 +149,7 @@ def _watch_gate(
 
 
 def _watch_valves(
-    before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits
+    before: ValveStand, now_s: float, s: SafetySituation, limits: SafetyLimits
 ) -> ValveStand:
     commanded, seen = s.commanded.valves, s.measurements.valves
     if (

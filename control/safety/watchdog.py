@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from topdress.control.orders import Answer, Order, State
-from topdress.control.safety.alarm_conditions import Facts, find_causes
+from topdress.control.safety.alarm_conditions import ConditionFacts, find_causes
 from topdress.control.safety.alarms import ALARMS, update_alarms
 from topdress.control.safety.interlocks import find_interlocks
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.memory import Memory
-from topdress.control.safety.motion import Motion, update_motion
+from topdress.control.safety.memory import SafetyMemory
+from topdress.control.safety.motion import MotionState, update_motion
 from topdress.control.safety.order_handlers import handle_order
 from topdress.control.safety.sensor_validity import (
     ValidReadings,
@@ -25,7 +25,7 @@ from topdress.control.safety.sensor_validity import (
     judge_readings,
 )
 from topdress.control.safety.standstill_monitor import update_standstill
-from topdress.control.safety.words import Details, Situation, Verdict
+from topdress.control.safety.words import Details, SafetySituation, SafetyVerdict
 from topdress.control.safety.work_watch import watch_drives, watch_hopper, watch_rate
 
 
@@ -38,10 +38,10 @@ class Safety:
     def __init__(self, limits: SafetyLimits | None = None, has_work_switch: bool = False) -> None:
         self._limits = limits if limits is not None else SafetyLimits()
         self._has_work_switch = has_work_switch
-        self._memory = Memory()
+        self._memory = SafetyMemory()
 
     @property
-    def memory(self) -> Memory:
+    def memory(self) -> SafetyMemory:
         """Returns the present memory, which is frozen."""
         return self._memory
 
@@ -62,7 +62,7 @@ class Safety:
         self._memory, answer = handle_order(self._memory, order, now_s, self._limits)
         return answer
 
-    def check_tick(self, now_s: float, s: Situation) -> Verdict:
+    def check_tick(self, now_s: float, s: SafetySituation) -> SafetyVerdict:
         """Processes one tick: changes the state, updates the alarms, and decides whether
         material may flow."""
         m, limits = self._memory, self._limits
@@ -92,11 +92,11 @@ class Safety:
             ),
             beyond_range_since_s=find_since_s(m.beyond_range_since_s, now_s, beyond_range),
         )
-        found = find_causes(Facts(m, now_s, s, seen, limits))
+        found = find_causes(ConditionFacts(m, now_s, s, seen, limits))
         state, why = find_next_state(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
-            allow = Memory().allow
+            allow = SafetyMemory().allow
         forbidden = find_interlocks(
             state,
             s,
@@ -120,10 +120,12 @@ class Safety:
             fault_cause=find_cause_leading_to(found, State.FAULT),
             log_ok=s.log_ok,
         )
-        return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
+        return SafetyVerdict(
+            state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why
+        )
 
 
-def _can_gnss_serve(s: Situation, seen: ValidReadings, limits: SafetyLimits) -> bool:
+def _can_gnss_serve(s: SafetySituation, seen: ValidReadings, limits: SafetyLimits) -> bool:
     """Returns whether GNSS alone can measure the machine's speed."""
     return (
         seen.gnss_speed_mps is not None
@@ -145,10 +147,10 @@ def _is_still(seen: ValidReadings, limits: SafetyLimits) -> bool:
 
 
 def find_next_state(
-    m: Memory,
+    m: SafetyMemory,
     now_s: float,
-    s: Situation,
-    motion: Motion,
+    s: SafetySituation,
+    motion: MotionState,
     troubles: Mapping[str, Details],
     limits: SafetyLimits,
 ) -> tuple[State, str]:
@@ -176,7 +178,7 @@ def find_cause_leading_to(troubles: Mapping[str, Details], state: State) -> str 
     return next((i for i in troubles if ALARMS[i].leads_to is state), None) if troubles else None
 
 
-def _leave_calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:
+def _leave_calibrating(m: SafetyMemory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:
     if not now_s - m.calibrate_s < limits.calibrate_confirm_s:
         return State.READY, "released"
     if not now_s < m.calibrate_until_s:
@@ -185,7 +187,11 @@ def _leave_calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[S
 
 
 def _leave_working(
-    m: Memory, now_s: float, motion: Motion, troubles: Mapping[str, Details], limits: SafetyLimits
+    m: SafetyMemory,
+    now_s: float,
+    motion: MotionState,
+    troubles: Mapping[str, Details],
+    limits: SafetyLimits,
 ) -> tuple[State, str]:
     cause = find_cause_leading_to(troubles, State.HELD)
     if cause is not None:

@@ -26,7 +26,7 @@ Details = tuple[tuple[str, str | float], ...]
 POWERED_STATES = (State.WORKING, State.HELD, State.CALIBRATING)
 
 
-class Commanded(NamedTuple):
+class PreviousCommands(NamedTuple):
     """Holds the commands of the tick before, which the readings of this tick must follow."""
 
     # Whether the shaft should turn: a speed, or a dose that is not over yet.
@@ -48,7 +48,7 @@ class Commanded(NamedTuple):
     shaft_rpm: float = 0.0
 
 
-class Situation(NamedTuple):
+class SafetySituation(NamedTuple):
     """Holds the facts of a tick that safety needs. None is unknown; a number that is not finite
     counts as unknown."""
 
@@ -86,7 +86,7 @@ class Situation(NamedTuple):
     position_walks: bool = False
     # Wanted rate, where it is above the crop's limit, kg/ha.
     cut_from_kg_ha: float | None = None
-    commanded: Commanded = Commanded()
+    commanded: PreviousCommands = PreviousCommands()
     # Finding of the hopper scale on the flow, and on unordered material.
     scale: ScaleFinding = NO_SCALE_FINDING
     # Finding on the metering drive's effort.
@@ -106,7 +106,7 @@ class Situation(NamedTuple):
     range_breach: RangeBreach | None = None
 
 
-class Verdict(NamedTuple):
+class SafetyVerdict(NamedTuple):
     """Holds the verdict of safety on a tick."""
 
     state: State

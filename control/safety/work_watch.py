@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
-from topdress.control.safety.words import Situation
+from topdress.control.safety.words import SafetySituation
 
 
 class FollowWatch(NamedTuple):
@@ -35,7 +35,7 @@ DRIVES_FOLLOWING = FollowWatch()
 def watch_drives(
     before: FollowWatch,
     now_s: float,
-    s: Situation,
+    s: SafetySituation,
     seen: ValidReadings,
     flowing: bool,
     limits: SafetyLimits,
@@ -90,7 +90,7 @@ RATE_NOT_JUDGED = RateWatch()
 
 
 def watch_rate(
-    before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits
+    before: RateWatch, now_s: float, s: SafetySituation, flowing: bool, limits: SafetyLimits
 ) -> RateWatch:
     """Returns the state of the rate after this tick; every interruption of an excess and every stop
     of the flow restart its time.

@@ -12,20 +12,20 @@ Files:
 
 from __future__ import annotations
 
-from topdress.control.sensing.sensing import Sensed, Sensing, SensingLimits
+from topdress.control.sensing.sensing import SensedMotion, Sensing, SensingLimits
 from topdress.control.sensing.speed_ahead import (
-    Forecaster,
-    SpeedAhead,
+    SpeedForecast,
+    SpeedForecaster,
     predict_speed_ahead_mps,
     predict_way_ahead_m,
 )
 
 __all__ = [
-    "Forecaster",
-    "Sensed",
+    "SensedMotion",
     "Sensing",
     "SensingLimits",
-    "SpeedAhead",
+    "SpeedForecast",
+    "SpeedForecaster",
     "predict_speed_ahead_mps",
     "predict_way_ahead_m",
 ]

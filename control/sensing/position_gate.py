@@ -21,11 +21,11 @@ from typing import NamedTuple
 from topdress.control.geodesy import Place
 from topdress.control.sensing.walk_watch import (
     WINDOWS_S,
-    Mark,
+    PlaceDrift,
+    PlaceDriftWatch,
+    ReckonedMark,
     ReckonedWay,
     Velocity,
-    Walk,
-    WalkWatch,
     find_walk_between,
 )
 
@@ -95,9 +95,9 @@ class PositionGate:
         self._north_m = 0.0
         # Number of ticks with an unknown heading.
         self._lost = 0
-        self._watch = WalkWatch()
+        self._watch = PlaceDriftWatch()
         # Last trusted position before a drift; None without a drift.
-        self._before_walk: Mark | None = None
+        self._before_walk: ReckonedMark | None = None
         # Number of epochs that agree with that position again.
         self._back = 0
         # Time for which positions must agree with speed and course, s.
@@ -174,7 +174,7 @@ class PositionGate:
             self._watch.keep_mark(mark)
         return judged
 
-    def _begin_walk(self, walk: Walk, mark: Mark) -> JudgedPlace:
+    def _begin_walk(self, walk: PlaceDrift, mark: ReckonedMark) -> JudgedPlace:
         self._before_walk, self._back = walk.since, 0
         self._again_s = min(
             WINDOWS_S[-1], max(AGREEING_S, mark.time_s - self._watch.places_agree_since_s)
@@ -183,7 +183,7 @@ class PositionGate:
         return JudgedPlace(False, walk.off_m, walks=True, back=walk.place)
 
     def _judge_during_walk(
-        self, mark: Mark, quality: int, hdop: float | None, timing_m: float
+        self, mark: ReckonedMark, quality: int, hdop: float | None, timing_m: float
     ) -> JudgedPlace:
         """Judges a place after a drift: whether it agrees with the place before, or for long
         enough with speed and course."""

@@ -72,7 +72,7 @@ PLACE_JUMP_M = 1.0
 UNSETTLED_EPOCHS = 2
 
 
-class Sensed(NamedTuple):
+class SensedMotion(NamedTuple):
     """Holds the speed, place and heading that control uses in one tick."""
 
     time_s: float
@@ -166,7 +166,7 @@ class Sensing:
         # Number of epochs on a plane that the first of them defined.
         self._own_epochs: int | None = None
 
-    def sense_motion(self, m: Measurements) -> Sensed:
+    def sense_motion(self, m: Measurements) -> SensedMotion:
         """Returns speed, place and heading of this tick."""
         m = _drop_impossible(m)
         now = m.time_s
@@ -220,7 +220,7 @@ class Sensing:
         placed = self._east is not None and (heard or self._can_reckon(source))
         position_ok = placed and self._heading is not None
         east, north = self._locate_outlet()
-        return Sensed(
+        return SensedMotion(
             now,
             speed,
             self._moving.acceleration_mps2,

@@ -16,7 +16,7 @@ from collections import deque
 from math import exp
 from typing import NamedTuple
 
-from topdress.control.readings import SpeedPlan, is_reading_fresh
+from topdress.control.readings import AnnouncedSpeeds, is_reading_fresh
 
 # Time constant of the filter `speed_used`, s. Its step response is half-way after 0.2 s; a steady
 # acceleration passes without delay.
@@ -100,7 +100,7 @@ JUDGED_INTERVAL_S = 0.1
 INITIAL_SQUARED_ERROR = 0.1**2
 
 
-class SpeedAhead(NamedTuple):
+class SpeedForecast(NamedTuple):
     """Holds the forecast of one tick: a speed and an acceleration that decays; with
     announcements also the reference in steps of `REFERENCE_STEP_S`, the deviation from it, and its
     weight."""
@@ -171,7 +171,7 @@ class _SteadySpeed:
         )
 
 
-class Forecaster:
+class SpeedForecaster:
     """Forecasts the speed of a run. `forecast_speed` is called once a tick."""
 
     def __init__(self) -> None:
@@ -202,8 +202,8 @@ class Forecaster:
         speed_mps: float | None,
         acceleration_mps2: float,
         dt_s: float,
-        announced: SpeedPlan | None = None,
-    ) -> SpeedAhead:
+        announced: AnnouncedSpeeds | None = None,
+    ) -> SpeedForecast:
         """Returns the forecast of this tick.
 
         Parameters
@@ -215,12 +215,12 @@ class Forecaster:
         announced : the tractor's newest announcement."""
         if speed_mps is None:
             self._forget_reference()
-            return SpeedAhead(0.0, 0.0)
+            return SpeedForecast(0.0, 0.0)
         own = self._own.update_speed(SpeedFilter(speed_mps, acceleration_mps2), dt_s)
         if announced is None or not is_reading_fresh(announced.time_s, now_s, ANNOUNCEMENT_VALID_S):
             self._reference_mps = None
             self._waiting.clear()
-            return SpeedAhead(*own)
+            return SpeedForecast(*own)
         self._judge_forecasts(now_s, speed_mps)
         self._drive_reference(announced, now_s, speed_mps, dt_s)
         faster = self._faster.update_speed(
@@ -231,7 +231,7 @@ class Forecaster:
             dt_s,
         )
         table, way = _drive_ahead(announced, now_s - announced.time_s, self._reference_mps or 0.0)
-        ahead = SpeedAhead(*own, table, way, *faster, self.reference_weight)
+        ahead = SpeedForecast(*own, table, way, *faster, self.reference_weight)
         if speed_mps >= STANDSTILL_MPS and (
             not self._waiting or now_s + JUDGED_AHEAD_S - self._waiting[-1][0] >= JUDGED_INTERVAL_S
         ):
@@ -245,7 +245,7 @@ class Forecaster:
         return ahead
 
     def _drive_reference(
-        self, announced: SpeedPlan, now_s: float, speed_mps: float, dt_s: float
+        self, announced: AnnouncedSpeeds, now_s: float, speed_mps: float, dt_s: float
     ) -> None:
         """Advances the reference by one tick. It begins at the machine's speed, and anew where
         the machine stands: nobody knows when it will set off."""
@@ -272,7 +272,7 @@ class Forecaster:
                 ]
 
 
-def _find_aimed_mps(announced: SpeedPlan, in_s: float) -> float:
+def _find_aimed_mps(announced: AnnouncedSpeeds, in_s: float) -> float:
     """Returns the announced target speed so many seconds after its announcement, m/s, without
     sign as `speed_used`."""
     return next(
@@ -287,7 +287,7 @@ def _step_towards(mps: float, aimed: float, most: float) -> float:
 
 
 def _drive_ahead(
-    announced: SpeedPlan, since_s: float, reference_mps: float
+    announced: AnnouncedSpeeds, since_s: float, reference_mps: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Returns the reference ahead, m/s, and its way, m, in steps of `REFERENCE_STEP_S`."""
     mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]

@@ -36,10 +36,10 @@ from topdress.control.sensing.walk_watch import (
     MAX_EPOCH_GAP_S,
     SPEED_DELAY_S,
     SPEED_SD_SHARE,
-    Mark,
+    PlaceDriftWatch,
+    ReckonedMark,
     ReckonedWay,
     Velocity,
-    WalkWatch,
     get_time_s,
 )
 
@@ -81,10 +81,10 @@ class SpeedCheck:
 
     def __init__(self) -> None:
         self.doubt: SpeedDoubt | None = None
-        self._watch = WalkWatch()
+        self._watch = PlaceDriftWatch()
         self._wheel = ReckonedWay(0.0, 0.0, 0.0, 0)
         # Mark before the two speeds differed.
-        self._before: Mark | None = None
+        self._before: ReckonedMark | None = None
         # Longest examined window, s; while undecided, the window that showed the difference.
         self._window_s = WINDOWS_S[-1]
         self._agreed_s = 0.0
@@ -187,7 +187,7 @@ class SpeedCheck:
         return self.doubt is not None and self.doubt.refused is refused
 
     def _settle_doubt(
-        self, doubt: SpeedDoubt, now: Mark, parted: Mark | None, judged_s: float
+        self, doubt: SpeedDoubt, now: ReckonedMark, parted: ReckonedMark | None, judged_s: float
     ) -> None:
         """Ends the doubt where the two agree again for long enough."""
         if parted is not None:
@@ -201,7 +201,9 @@ class SpeedCheck:
             self.doubt, self._before, self._window_s = None, None, WINDOWS_S[-1]
             self._watch.forget_marks()
 
-    def _find_difference(self, now: Mark) -> tuple[Mark | None, float, tuple[float, float]]:
+    def _find_difference(
+        self, now: ReckonedMark
+    ) -> tuple[ReckonedMark | None, float, tuple[float, float]]:
         """Finds the window in which wheel and GNSS's speed differ.
 
         Returns
@@ -255,7 +257,7 @@ class SpeedCheck:
                 return recent[before], window_s, (wheel_m / window_s, gnss_m / window_s)
         return None, judged_s, NO_SPEEDS
 
-    def _find_wrong_speed(self, now: Mark) -> Mark | None:
+    def _find_wrong_speed(self, now: ReckonedMark) -> ReckonedMark | None:
         """Returns a mark since which GNSS's speed contradicts its places while the wheel
         confirms them; None where it does not."""
         walk = self._watch.find_walk(now, GATE_CHI_SQUARE, 0.0)
@@ -269,7 +271,7 @@ class SpeedCheck:
         off_places_m, off_speed_m = (hypot(e - east, n - north) for e, n in (places, speed))
         return walk.since if 2.0 * off_places_m < off_speed_m else None
 
-    def _decide_by_places(self, now: Mark) -> None:
+    def _decide_by_places(self, now: ReckonedMark) -> None:
         """Decides by the places whether the wheel or GNSS's speed is wrong."""
         before, doubt = self._before, self.doubt
         if before is None or doubt is None or before.reckoned.lost != now.reckoned.lost:
@@ -303,18 +305,18 @@ class SpeedCheck:
             self._watch.forget_marks()
 
 
-def _calc_mean_speeds_mps(before: Mark, now: Mark) -> tuple[float, float]:
+def _calc_mean_speeds_mps(before: ReckonedMark, now: ReckonedMark) -> tuple[float, float]:
     """Returns the mean speeds of wheel and GNSS between two marks, m/s."""
     since_s = max(1e-3, now.time_s - before.time_s)
     rolled_m = now.reckoned.way_m - before.reckoned.way_m
     return rolled_m / since_s, (now.way_m - before.way_m) / since_s
 
 
-def _calc_place_way(before: Mark, now: Mark) -> tuple[float, float]:
+def _calc_place_way(before: ReckonedMark, now: ReckonedMark) -> tuple[float, float]:
     return now.place[0] - before.place[0], now.place[1] - before.place[1]
 
 
-def _calc_wheel_way(before: Mark, now: Mark) -> tuple[float, float]:
+def _calc_wheel_way(before: ReckonedMark, now: ReckonedMark) -> tuple[float, float]:
     """Returns the wheel's way east and north, m, with the correction of the first mark."""
     ratio = before.reckoned.ratio
     return (
@@ -329,7 +331,7 @@ def _calc_turn_rad(before: Velocity, now: Velocity) -> float:
     return abs((angle + pi) % (2.0 * pi) - pi)
 
 
-def _interpolate_ways(marks: list[Mark], time_s: float) -> tuple[float, float]:
+def _interpolate_ways(marks: list[ReckonedMark], time_s: float) -> tuple[float, float]:
     """Returns the ways of wheel and GNSS's speed until a time, interpolated between two marks;
     beyond the last mark its own."""
     k = bisect_right(marks, time_s, key=get_time_s)

@@ -67,7 +67,7 @@ class ReckonedWay(NamedTuple):
     wheel_mps: float = 0.0
 
 
-class Mark(NamedTuple):
+class ReckonedMark(NamedTuple):
     """Holds a place reported by GNSS, and the sums until then."""
 
     time_s: float
@@ -83,28 +83,28 @@ class Mark(NamedTuple):
     reckoned: ReckonedWay
 
 
-class Walk(NamedTuple):
+class PlaceDrift(NamedTuple):
     """Holds a place that has drifted off: how far, over how many seconds, and where it would be
     without the drift."""
 
     off_m: float
     over_s: float
-    since: Mark
+    since: ReckonedMark
     place: Place
 
 
-class WalkWatch:
+class PlaceDriftWatch:
     """Detects a drift of places, in constant time for each epoch. `record_epoch` is called
     for every epoch, then `find_walk` with its mark, then `keep_mark` where the place is
     accepted."""
 
     def __init__(self) -> None:
-        self._marks: deque[Mark] = deque()
+        self._marks: deque[ReckonedMark] = deque()
         # Place and reckoned way at the newest GNSS epoch, also if its place was refused.
-        self._last: Mark | None = None
+        self._last: ReckonedMark | None = None
 
     @property
-    def recent_marks(self) -> Sequence[Mark]:
+    def recent_marks(self) -> Sequence[ReckonedMark]:
         """Returns the marks of the last minute, oldest first."""
         return self._marks
 
@@ -125,12 +125,12 @@ class WalkWatch:
         spread_m: float,
         velocity: Velocity | None,
         reckoned: ReckonedWay,
-    ) -> Mark:
+    ) -> ReckonedMark:
         """Returns the mark of a new epoch. velocity: as the receiver reports it; None: it
         reports none."""
         before = self._last
         if before is None:
-            now = Mark(
+            now = ReckonedMark(
                 time_s, place, spread_m, 0.0, 0.0, 0.0, 0.0, 0.0, velocity or (0.0, 0.0), reckoned
             )
         else:
@@ -138,7 +138,7 @@ class WalkWatch:
         self._last = now
         return now
 
-    def find_walk(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
+    def find_walk(self, now: ReckonedMark, gate: float, timing_m: float) -> PlaceDrift | None:
         """Returns the drift over the longest window that shows one; None where none does."""
         found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
         for window_s in WINDOWS_S:
@@ -155,21 +155,23 @@ class WalkWatch:
             found = find_walk_between(marks[k - 1], now, gate, timing_m) or found
         return found
 
-    def keep_mark(self, now: Mark) -> None:
+    def keep_mark(self, now: ReckonedMark) -> None:
         """Keeps the mark of an accepted place."""
         if not self._marks or now.time_s - self._marks[-1].time_s >= MARK_INTERVAL_S - 1e-6:
             self._marks.append(now)
             while now.time_s - self._marks[0].time_s > MARKS_KEPT_S:
                 self._marks.popleft()
 
-    def forget_marks(self, now: Mark | None = None) -> None:
+    def forget_marks(self, now: ReckonedMark | None = None) -> None:
         """Forgets earlier marks, because they say nothing about later ones."""
         self._marks.clear()
         if now is not None:
             self._marks.append(now)
 
 
-def find_walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
+def find_walk_between(
+    before: ReckonedMark, now: ReckonedMark, gate: float, timing_m: float
+) -> PlaceDrift | None:
     """Returns the drift between two epochs, compared with the receiver's own speed; None where
     it is within the gate (chi-square)."""
     (east1, north1), (east0, north0) = now.place, before.place
@@ -197,25 +199,25 @@ def find_walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> 
         + late_m**2
     )
     if off_m * off_m > gate * variance:
-        return Walk(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
+        return PlaceDrift(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
     return None
 
 
 def _advance_mark(
-    before: Mark,
+    before: ReckonedMark,
     time_s: float,
     place: Place,
     spread_m: float,
     velocity: Velocity | None,
     reckoned: ReckonedWay,
-) -> Mark:
+) -> ReckonedMark:
     """Advances the sums to a new epoch."""
     step_s = max(0.0, time_s - before.time_s)
     if velocity is None or step_s > MAX_EPOCH_GAP_S:
         way_m = reckoned.way_m - before.reckoned.way_m
         on_course = step_s <= MAX_EPOCH_GAP_S and reckoned.lost == before.reckoned.lost
         share = UNKNOWN_WAY_SHARE if on_course else 1.0
-        return Mark(
+        return ReckonedMark(
             time_s,
             place,
             spread_m,
@@ -229,7 +231,7 @@ def _advance_mark(
         )
     (east0, north0), (east1, north1) = before.velocity, velocity
     speed_mps = 0.5 * (hypot(east0, north0) + hypot(east1, north1))
-    return Mark(
+    return ReckonedMark(
         time_s,
         place,
         spread_m,

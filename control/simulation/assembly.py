@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
 from topdress.control.loop import ControlLoop
 from topdress.control.machine.fall import calc_drop_s
-from topdress.control.machine.fault_injection import PlantedEffect
+from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.machine.terms import Term
@@ -24,7 +24,7 @@ from topdress.control.targets.plant_doser import DoseError, PlantDoser
 from topdress.control.targets.plants import PlantList
 from topdress.control.targets.point import PointLag
 
-from .plant import Plant, Truth
+from .plant import Plant, PlantTruth
 from .tractor import make_field_boundary
 
 
@@ -42,7 +42,7 @@ def add_simulated_field(job: Job, machine: Machine) -> Job:
 def make_control_loop(
     machine: Machine,
     crop: Crop,
-    rule: Rule,
+    rule: CropRule,
     job: Job,
     has_work_switch: bool = False,
     *,
@@ -147,9 +147,9 @@ def make_plant(
     job: Job,
     seed: int,
     dt_s: float,
-    planted: Sequence[PlantedEffect] = (),
+    planted: Sequence[InjectedEffect] = (),
     *,
-    keep: Callable[[Truth], None] | None = None,
+    keep: Callable[[PlantTruth], None] | None = None,
     plants: PlantList | None = None,
     terms: Sequence[Term] = (),
     steps: CompiledSteps | None = None,

@@ -14,13 +14,13 @@ from topdress.control.readings import (
     DriveCommand,
     Measurements,
     Reading,
-    ValvesSeen,
+    ValvePositions,
 )
 from topdress.control.targets.lag_correction import FiredChange
 
 from .canopy import HeadRow
 from .dose_watch import DoseWatch
-from .plant import Plant, SensorReadings, Truth
+from .plant import Plant, PlantTruth, SensorReadings
 
 
 class MeasurementHold:
@@ -45,7 +45,7 @@ class MeasurementHold:
             plants=s.plants,
             speed_told=s.speed_told or self._now.speed_told,
             canopy_index=s.canopy_index,
-            valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open),
+            valves=None if s.valves_open is None else ValvePositions(t, s.valves_open),
             **readings,
         )
         return self._now
@@ -60,7 +60,7 @@ class SimulatedTick(NamedTuple):
     """Holds one tick of a simulated run: control's result, and what really happened."""
 
     tick: Tick
-    truth: Truth
+    truth: PlantTruth
     # Target for the ground at the outlet's present position, kg/ha.
     target_rate_kg_ha: float
 
@@ -113,7 +113,7 @@ class _SimulatedOperator:
         self._wait_s = 0.0
 
     def act_on_tick(
-        self, tick: Tick, truth: Truth | None, order: Callable[[Order], object]
+        self, tick: Tick, truth: PlantTruth | None, order: Callable[[Order], object]
     ) -> None:
         now = tick.row.time_s
         state = tick.row.state

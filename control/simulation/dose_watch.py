@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.elements import Array
 
-from .plant import Truth
+from .plant import PlantTruth
 
 # A smaller flow ends a dose, kg/s.
 MIN_DOSE_FLOW_KG_S = 1e-4
@@ -72,7 +72,7 @@ class DoseWatch:
         if len(self.plants_m):
             self.for_plant.append(int(np.argmin(np.abs(self.plants_m - place_m))))
 
-    def take_step(self, truth: Truth, at_work: bool) -> list[float]:
+    def take_step(self, truth: PlantTruth, at_work: bool) -> list[float]:
         """Takes one step and returns the errors measured in it, m."""
         step_s, self._last_s = truth.time_s - self._last_s, truth.time_s
         self._way.append((truth.time_s, truth.driven_m))
@@ -119,7 +119,7 @@ class DoseWatch:
             1000.0 * float(np.mean(self.mass_kg)) if self.mass_kg else 0.0,
         )
 
-    def _collect_flow(self, truth: Truth, step_s: float) -> None:
+    def _collect_flow(self, truth: PlantTruth, step_s: float) -> None:
         if truth.doses != self._number and self._dose is not None:
             self._finish_dose()
         self._number = truth.doses

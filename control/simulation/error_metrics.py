@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.machine.elements import Array
-from topdress.control.machine.landing import LandedGround, bin_landings
+from topdress.control.machine.landing import LandedMass, bin_landings
 from topdress.control.machine.landing import calc_fall_times_s as tube_falls_s
 from topdress.control.targets.lag_correction import FiredChange
 
@@ -82,7 +82,7 @@ class CropNeeds(NamedTuple):
 class RunLanding(NamedTuple):
     """Holds the ground of a run and where the material of each tick landed."""
 
-    ground: LandedGround
+    ground: LandedMass
     # Landing position of each tick's parcel, m.
     place_m: Array
     # Rate that landed at the outlet's position in each tick, kg/ha.
@@ -146,7 +146,7 @@ def find_true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array,
     return land.rate_kg_ha[1:], land.place_m[:-1]
 
 
-def find_crop_needs(rule: Rule, ndvi: Array) -> CropNeeds:
+def find_crop_needs(rule: CropRule, ndvi: Array) -> CropNeeds:
     """Returns the crop's need at canopies (n,), with the cut-offs and limits of its rule."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
     return CropNeeds(
@@ -170,7 +170,7 @@ def judge_run(
     fired: Sequence[FiredChange],
     width_m: float,
     lever_arm_m: float = 0.0,
-    rule: Rule | None = None,
+    rule: CropRule | None = None,
 ) -> RunErrors:
     """Returns the errors of a run. The first metres after work begins count: a late start is an
     error too. rule: of the crop, where the canopy is the source."""
@@ -286,7 +286,7 @@ def _find_half_way(rate: Array, before: float, after: float) -> int | None:
 
 
 def _calc_bin_rates(
-    columns: dict[str, Array], ground: LandedGround, width_m: float, lever_arm_m: float
+    columns: dict[str, Array], ground: LandedMass, width_m: float, lever_arm_m: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Returns the rate by bin of the ground under the open width, kg/ha, and whether any was
     open. Where all is open all the time, over the whole width and everywhere."""

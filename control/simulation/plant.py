@@ -14,7 +14,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
 from topdress.control.machine.elements import Array, convert_to_lists, round_to_step
 from topdress.control.machine.fall import FallInput, calc_drop_s, make_fall_start, step_fall
-from topdress.control.machine.fault_injection import PlantedEffect, schedule_effects
+from topdress.control.machine.fault_injection import InjectedEffect, schedule_effects
 from topdress.control.machine.flow import FlowInput, calc_flute_load, make_flow_start, step_flow
 from topdress.control.machine.form import SHAFT_ANGLE
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start, step_gate
@@ -26,7 +26,7 @@ from topdress.control.machine.speed import SpeedInput, make_speed_start, step_sp
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.machine.term_sums import NO_TERMS, HeldCommands, TermSums, TermTotals
 from topdress.control.machine.terms import Term
-from topdress.control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
+from topdress.control.readings import AnnouncedSpeeds, CameraPlant, DoseOrder, DriveCommand, GnssFix
 
 from .canopy import HeadRow, make_canopy_field
 from .noise import CorrelatedNoise, NormalNumbers
@@ -73,9 +73,9 @@ class SensorReadings(NamedTuple):
     # Time of the newest pulse, s.
     wheel_pulse_s: float | None = None
     # Plants that the camera reports in this step.
-    plants: tuple[PlantSeen, ...] = ()
+    plants: tuple[CameraPlant, ...] = ()
     # Announcement of the tractor in this step.
-    speed_told: SpeedPlan | None = None
+    speed_told: AnnouncedSpeeds | None = None
     # Index that the heads read.
     canopy_index: str = "ndvi"
     # Positions of the sections' valves by their own switches; None for a machine without valves.
@@ -85,7 +85,7 @@ class SensorReadings(NamedTuple):
     gate_effort: float | None = None
 
 
-class Truth(NamedTuple):
+class PlantTruth(NamedTuple):
     """Holds what really happened in the step that ended at `time_s`."""
 
     time_s: float
@@ -127,10 +127,10 @@ class Plant:
         job: Job,
         seed: int,
         dt_s: float = 0.05,
-        planted: Sequence[PlantedEffect] = (),
+        planted: Sequence[InjectedEffect] = (),
         *,
         path: TractorPath | None = None,
-        keep: Callable[[Truth], None] | None = None,
+        keep: Callable[[PlantTruth], None] | None = None,
         plants: Array | None = None,
         terms: Sequence[Term] = (),
         steps: CompiledSteps | None = None,
@@ -150,7 +150,7 @@ class Plant:
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
-        self.truth: Truth | None = None
+        self.truth: PlantTruth | None = None
         self._sim = sim
         self._keep = keep
         self._stages = schedule_effects(machine, planted)
@@ -266,7 +266,7 @@ class Plant:
         flow = self._move_drives(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
         drop = self._calc_drop_s(flow)
-        self.truth = Truth(
+        self.truth = PlantTruth(
             self.time_s,
             self._shaft_out[0],
             self._gate_out[0],

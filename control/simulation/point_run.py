@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.machine.elements import Array
-from topdress.control.targets.plants import PlantRow, SeenPlant
+from topdress.control.targets.plants import PlantRow, TrackedPlant
 from topdress.control.targets.point import DoseThreshold, PointLag, PointMode
 
 # Begin and end of the camera's picture beyond its own place, m.
@@ -82,7 +82,7 @@ def simulate_point_run(
     mode = PointMode(lag, row, DoseThreshold())
     way, odometer, now, wander, off = 0.0, 0.0, 0.0, 0.0, 0.0
     ways = [0.0]
-    waiting: list[tuple[float, list[SeenPlant]]] = []
+    waiting: list[tuple[float, list[TrackedPlant]]] = []
     ordered: list[tuple[float, float, float, float]] = []
     found: list[float] = []
     thresholds: list[float] = []
@@ -103,7 +103,7 @@ def simulate_point_run(
             (places > way + camera + PICTURE_FROM_M) & (places < way + camera + PICTURE_TO_M)
         ]
         looks = in_view - way + really.seen_sd_m * rng.standard_normal(len(in_view))
-        waiting.append((now + vision_s, [SeenPlant(odometer, float(ahead)) for ahead in looks]))
+        waiting.append((now + vision_s, [TrackedPlant(odometer, float(ahead)) for ahead in looks]))
         while waiting and waiting[0][0] <= now:
             row.add_plants(waiting.pop(0)[1], mode.fixed_to_m)
         off += (

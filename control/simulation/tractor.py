@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.field.job import Simulated
-from topdress.control.readings import SpeedPlan
+from topdress.control.readings import AnnouncedSpeeds
 
 # Passes in a block; neighbours in time are four widths apart, so that turns are wide enough.
 PASS_BLOCK = 8
@@ -179,14 +179,14 @@ class TractorDriver:
         self.speed_mps += step
         return self.speed_mps
 
-    def announce_speeds(self) -> SpeedPlan | None:
+    def announce_speeds(self) -> AnnouncedSpeeds | None:
         """Returns the tractor's present announcement."""
         how = self._sim.speed_told
         if how == "none":
             return None
         now, most = self._find_wanted_speed(self._time_s)
         if self._stopped or how == "set":
-            return SpeedPlan(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
+            return AnnouncedSpeeds(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
         steps = [
             round(k * ANNOUNCED_STEP_S, 3)
             for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))
@@ -199,7 +199,7 @@ class TractorDriver:
             else self._to_come[min(len(self._to_come) - 1, round(in_s / self._dt_s))]
             for in_s in steps
         ]
-        return SpeedPlan(
+        return AnnouncedSpeeds(
             self._time_s,
             tuple(
                 (in_s, aim * (1.0 + more))

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from topdress.control.field.job import Camera
 from topdress.control.machine.elements import Array
-from topdress.control.readings import PlantSeen
+from topdress.control.readings import CameraPlant
 
 
 class SimulatedCamera:
@@ -19,9 +19,9 @@ class SimulatedCamera:
         self._plants_m = plants_m
         self._rng = np.random.default_rng(seed)
         self._next_s = 0.0
-        self._pictures: deque[tuple[float, list[PlantSeen]]] = deque()
+        self._pictures: deque[tuple[float, list[CameraPlant]]] = deque()
 
-    def report_plants(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
+    def report_plants(self, now_s: float, driven_m: float) -> tuple[CameraPlant, ...]:
         """Returns the plants reported at `now_s`; takes a new picture where one is due."""
         camera = self._camera
         if now_s >= self._next_s - 1e-9:
@@ -31,9 +31,9 @@ class SimulatedCamera:
             ahead = self._plants_m[first:last] - driven_m
             ahead = ahead + camera.seen_sd_m * self._rng.standard_normal(len(ahead))
             self._pictures.append(
-                (now_s + camera.computing_s, [PlantSeen(now_s, float(d)) for d in ahead])
+                (now_s + camera.computing_s, [CameraPlant(now_s, float(d)) for d in ahead])
             )
-        reported: list[PlantSeen] = []
+        reported: list[CameraPlant] = []
         while self._pictures and self._pictures[0][0] <= now_s + 1e-9:
             reported += self._pictures.popleft()[1]
         return tuple(reported)

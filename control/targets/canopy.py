@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.control.agronomy.noa import Rule
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.orders import TargetSource
 
 from .profile import DecidedStretches, Target, TargetChange, TargetProfile
@@ -15,7 +15,7 @@ from .profile import DecidedStretches, Target, TargetChange, TargetProfile
 # against a field.
 HOLD_HORIZON_M = 200.0
 # Greatest deficit, as a share of R over H.
-MAX_OWED_SHARE = 0.5
+MAX_DEFICIT_SHARE = 0.5
 # Limits of the factor k.
 MIN_FACTOR, MAX_FACTOR = 0.2, 5.0
 
@@ -70,7 +70,7 @@ class MeanRateHold:
         """Adds worked ground: over `way_m` this rate landed, without the operator's nudge."""
         if not self.is_active:
             return
-        most = MAX_OWED_SHARE * self.mean_kg_ha * HOLD_HORIZON_M
+        most = MAX_DEFICIT_SHARE * self.mean_kg_ha * HOLD_HORIZON_M
         self._owed = min(most, max(-most, self._owed + (self.mean_kg_ha - rate_kg_ha) * way_m))
 
     def resume_job(self, area_m: float, given_kg_ha: float) -> None:
@@ -90,7 +90,7 @@ class CanopyDecisions:
 
     def __init__(
         self,
-        rule: Rule,
+        rule: CropRule,
         heads_m: float,
         decision_hz: float,
         stretches: DecidedStretches,
@@ -115,7 +115,7 @@ class CanopyDecisions:
         # Source of the newest sample.
         self._source = TargetSource.CANOPY
 
-    def replace_strip(self, strip: StripValue) -> None:
+    def replace_strip(self, strip: StripMean) -> None:
         """Takes a newly measured strip; later decisions use it."""
         self.rule = self.rule.replace_strip(strip)
 

@@ -13,21 +13,21 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from topdress.control.machine.change_lag import Lag
+from topdress.control.machine.change_lag import LagParts
 
 from .profile import Target, TargetChange, TargetProfile
 
 
-class LookAheadReach(Protocol):
+class LookAheadDistance(Protocol):
     """Returns how far ahead a change must be made at the present speed: the queue asks, the loop
     answers."""
 
     # Beyond this distance no change is looked for, m.
     max_reach_m: float
 
-    def find_lag(self, before: Target, change: TargetChange) -> Lag: ...
+    def find_lag(self, before: Target, change: TargetChange) -> LagParts: ...
 
-    def find_distance_m(self, lag: Lag) -> float: ...
+    def find_distance_m(self, lag: LagParts) -> float: ...
 
 
 class FiredChange(NamedTuple):
@@ -39,7 +39,7 @@ class FiredChange(NamedTuple):
     before: Target
     after: Target
     track_m: float
-    lag: Lag
+    lag: LagParts
 
 
 class ChangeQueue:
@@ -57,7 +57,7 @@ class ChangeQueue:
         self.fired_to_m = place_m
 
     def fire_changes(
-        self, profile: TargetProfile, now_s: float, track_m: float, reach: LookAheadReach
+        self, profile: TargetProfile, now_s: float, track_m: float, reach: LookAheadDistance
     ) -> list[FiredChange]:
         """Makes every change whose distance is at most its lag distance, in order, each once."""
         fired: list[FiredChange] = []

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from topdress.control.field.cell_tests import offset_places
-from topdress.control.field.coverage import Coverage, Covered, Raster
+from topdress.control.field.coverage import Coverage, CoveredArea, Raster
 from topdress.control.field.ground_trace import GroundTrace
 from topdress.control.geodesy import Place, find_unit_vector
 
@@ -56,7 +56,7 @@ class DoneGroundAhead:
         self._lands: bool | Sequence[bool] = coverage.no_flow
 
     @property
-    def covered_area(self) -> Covered:
+    def covered_area(self) -> CoveredArea:
         return self.coverage.covered_area
 
     def record_release(

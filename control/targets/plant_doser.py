@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.geodesy import Place, TangentPlane
-from topdress.control.readings import DoseOrder, PlantSeen
+from topdress.control.readings import CameraPlant, DoseOrder
 
-from .plants import PlantList, PlantRow, SeenPlant
+from .plants import PlantList, PlantRow, TrackedPlant
 from .point import PlannedDose, PointLag, PointMode, calc_max_speed_mps
 
 # Plants are looked for this far beyond the lag distance, m.
@@ -135,7 +135,7 @@ class PlantDoser:
         place: Place | None,
         heading_deg: float | None,
         speed_mps: float,
-        seen: Sequence[PlantSeen],
+        seen: Sequence[CameraPlant],
     ) -> None:
         """Takes the plants ahead of the outlet. Nothing is taken where `place` is None (unknown,
         or turning). After a large change of heading the plants not yet dosed are forgotten."""
@@ -154,13 +154,13 @@ class PlantDoser:
         self._looked_deg = heading_deg
         if self._plants is None:
             self.row.add_plants(
-                [SeenPlant(self._find_track_m(plant.time_s), plant.ahead_m) for plant in seen],
+                [TrackedPlant(self._find_track_m(plant.time_s), plant.ahead_m) for plant in seen],
                 fixed,
             )
         else:
             farthest = self.find_reach_m(speed_mps) + LOOK_BEYOND_LAG_M
             ahead = [
-                SeenPlant(track_m, d)
+                TrackedPlant(track_m, d)
                 for d in self._plants.find_plants_ahead_m(
                     place, heading_deg, farthest, self._half_width_m
                 )

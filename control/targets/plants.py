@@ -46,7 +46,7 @@ class PlantList:
         )
 
 
-class SeenPlant(NamedTuple):
+class TrackedPlant(NamedTuple):
     """Holds a plant in a camera's picture: its distance ahead of the outlet at the moment
     when the outlet was at `track_m`.
 
@@ -70,7 +70,7 @@ class PlantRow:
         self.places_m: list[float] = []
 
     def add_plants(
-        self, seen: Sequence[SeenPlant], fixed_to_m: float, newer: float = NEW_LOOK_WEIGHT
+        self, seen: Sequence[TrackedPlant], fixed_to_m: float, newer: float = NEW_LOOK_WEIGHT
     ) -> None:
         """Adds reported plants; plants up to `fixed_to_m` are dosed and keep their place.
         `newer`: see NEW_LOOK_WEIGHT."""
@@ -92,7 +92,7 @@ class PlantRow:
             elif place > fixed_to_m + self.SAME_PLANT_M:
                 self.places_m.insert(k, place)
 
-    def drop_unseen(self, seen: Sequence[SeenPlant], from_m: float, to_m: float) -> None:
+    def drop_unseen(self, seen: Sequence[TrackedPlant], from_m: float, to_m: float) -> None:
         """Drops the plants between two places of the track that a complete report does not
         contain."""
         reported = sorted(plant.track_m + plant.ahead_m for plant in seen)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from topdress.control.readings import Reading
 from topdress.control.signals import N_
 from topdress.drivers.devices.device import LineConfig, LineDevice
-from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
+from topdress.drivers.devices.lines import ForeignSentence, LineDecoder, RejectedSentence
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 
@@ -21,16 +21,16 @@ class BatteryDecoder(LineDecoder[Reading]):
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[Reading]:
         body, _, checksum = sentence.strip().partition(b"*")
         if checksum != b"%02X" % calc_checksum(body):
-            raise Rejected("bad_checksum")
+            raise RejectedSentence("bad_checksum")
         name, _, number = body.partition(b",")
         if name != b"PTBAT":
-            raise Foreign("other_sentence")
+            raise ForeignSentence("other_sentence")
         try:
             volts = float(number)
         except ValueError:
-            raise Rejected("garbage") from None
+            raise RejectedSentence("garbage") from None
         if not 0.0 <= volts <= 60.0:
-            raise Rejected("impossible_value")
+            raise RejectedSentence("impossible_value")
         return [Reading(volts, time_s)]
 
 

@@ -192,7 +192,7 @@ class GateMotion:
         return self._stepper.step_to_place(round(wanted_mm * self._per_mm), dt_s)
 
 
-class Doser:
+class StepperDoser:
     """Turns a stepper's shaft by an angle, dose after dose; the remainder of rounding to steps is
     added to the next dose."""
 

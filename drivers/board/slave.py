@@ -37,7 +37,7 @@ from .framing import (
     parse_whole,
     seal_frame,
 )
-from .motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
+from .motion import GateMotion, ShaftControl, SpeedMeter, SteppedShaft, StepperDoser
 
 # Silence of the host after which the drives stop, microseconds.
 HOST_TIMEOUT_US = 1000000
@@ -243,7 +243,7 @@ class SlaveProgram:
             settings.lost_mm,
             settings.lost_after_s,
         )
-        self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
+        self._doser = StepperDoser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
         # None means that a DC motor turns the metering shaft.
         self._stepped: SteppedShaft | None = None
         if settings.shaft_drive == "stepper":

@@ -14,7 +14,7 @@ import struct
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.device import Receiver
-from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
+from topdress.drivers.devices.lines import Decoder, IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.nmea import MAX_SPEED_MPS
 
 # The three bytes with which every frame begins.
@@ -100,14 +100,14 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         name, body = sentence[3], sentence[5:-1]
         if name not in MIN_FRAME_BYTES:
-            raise Ignored(f"pgn_{name:02x}")
+            raise IgnoredSentence(f"pgn_{name:02x}")
         if len(body) < MIN_FRAME_BYTES[name]:
-            raise Rejected("wrong_length")
+            raise RejectedSentence("wrong_length")
         if name == SPEED_ID:
             # The frame holds tenths of km/h; 36 of them are 1 m/s.
             speed_mps = int.from_bytes(body[:2], "little") / 36.0
             if speed_mps > MAX_SPEED_MPS:
-                raise Rejected("impossible_value")
+                raise RejectedSentence("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s
             return []
         lon_deg, lat_deg, heading_deg = _POSITION_FIELDS.unpack_from(body)
@@ -118,7 +118,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
             and (lat_deg, lon_deg) != (0.0, 0.0)
         )
         if not fine:
-            raise Rejected("impossible_value")
+            raise RejectedSentence("impossible_value")
         fresh = time_s - self._speed_s <= SPEED_VALID_S
         return [
             GnssFix(

@@ -20,7 +20,7 @@ from topdress.drivers.board.framing import (
     parse_whole,
     seal_frame,
 )
-from topdress.drivers.devices.lines import Rejected
+from topdress.drivers.devices.lines import RejectedSentence
 
 PROTOCOL_VERSION = 1
 COMMAND_FRAME, STATUS_FRAME = f"T{PROTOCOL_VERSION}", f"S{PROTOCOL_VERSION}"
@@ -233,16 +233,16 @@ def decode_status(frame: bytes) -> StatusFrame:
 
 def split_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
     """Returns the fields after the frame's name if CRC, name and number of fields are right. Raises
-    Rejected otherwise."""
+    RejectedSentence otherwise."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:
-        raise Rejected("missing_crc")
+        raise RejectedSentence("missing_crc")
     if not _CRC_DIGITS.fullmatch(crc) or int(crc, 16) != calc_crc16(payload):
-        raise Rejected("bad_crc")
+        raise RejectedSentence("bad_crc")
     name, *fields = payload.split(b",")
     if name != kind.encode():
-        raise Rejected("unknown_frame")
+        raise RejectedSentence("unknown_frame")
     if len(fields) != count:
-        raise Rejected("wrong_length")
+        raise RejectedSentence("wrong_length")
     return fields

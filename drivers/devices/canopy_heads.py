@@ -17,7 +17,7 @@ from topdress.control.frozen_model import FrozenModel
 from topdress.control.readings import Reading
 from topdress.control.signals import N_
 from topdress.drivers.devices.device import Baud, Device, LineUrl, OpenLine
-from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
+from topdress.drivers.devices.lines import ForeignSentence, LineDecoder, RejectedSentence
 from topdress.drivers.plugins import PluginFault, find_plugin
 
 # NDVI is a normalised difference and cannot leave -1 ... 1.
@@ -122,12 +122,12 @@ class HeadDecoder(LineDecoder[HeadSample]):
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[HeadSample]:
         first, self._first = self._first, False
         if sentence.startswith(b"#"):
-            raise Foreign("comment")
+            raise ForeignSentence("comment")
         try:
             return [self._read_sample(sentence.strip(), time_s)]
-        except Rejected:
+        except RejectedSentence:
             if first:
-                raise Foreign("partial_first") from None
+                raise ForeignSentence("partial_first") from None
             raise
 
     def _read_sample(self, line: bytes, time_s: float) -> HeadSample:
@@ -137,21 +137,21 @@ class HeadDecoder(LineDecoder[HeadSample]):
             match = _HEAD_PREFIX.fullmatch(prefix)
             head = int(match[1]) if match else 0
             if not 1 <= head <= self._heads:
-                raise Rejected("unknown_head")
+                raise RejectedSentence("unknown_head")
         if not _PRINTABLE.fullmatch(line):
-            raise Rejected("unprintable")
+            raise RejectedSentence("unprintable")
         texts = line.split(b",")
         if len(texts) != self._map.fields:
-            raise Rejected("wrong_field_count")
+            raise RejectedSentence("wrong_field_count")
         values = []
         for number in (self._map.ndvi, self._map.index_2):
             text = texts[number - 1].strip() if number else b"0"
             if not _NUMBER.fullmatch(text):
-                raise Rejected("not_a_number")
+                raise RejectedSentence("not_a_number")
             values.append(float(text))
         ndvi, index_2 = values
         if not MIN_NDVI <= ndvi <= MAX_NDVI or abs(index_2) > 100.0:
-            raise Rejected("out_of_range")
+            raise RejectedSentence("out_of_range")
         if self._map.nir:
             agrees = self._agrees_with_bands(ndvi, texts)
             self.counts.confirmed += agrees

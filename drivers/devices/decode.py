@@ -14,7 +14,7 @@ from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PRO
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
 from topdress.drivers.devices.device import LineDevice, Receiver, Record
-from topdress.drivers.devices.lines import Counts
+from topdress.drivers.devices.lines import SentenceCounts
 from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.plugins import find_plugin
 
@@ -26,7 +26,7 @@ BYTES_PER_S = 960.0
 CHUNK_BYTES = 96
 
 
-def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
+def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], SentenceCounts]:
     """Returns every accepted measurement of a capture under the run log's column names, and the
     counts by kind.
 
@@ -62,16 +62,16 @@ def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
 
 def _decode_all(
     decoder: Any, to_record: Callable[[Any], Record], data: bytes
-) -> tuple[list[Record], Counts]:
+) -> tuple[list[Record], SentenceCounts]:
     readings = []
     for start in range(0, len(data), CHUNK_BYTES):
         readings += decoder.feed(data[start : start + CHUNK_BYTES], start / BYTES_PER_S)
     readings += decoder.flush(len(data) / BYTES_PER_S)
-    counts: Counts = decoder.counts
+    counts: SentenceCounts = decoder.counts
     return [to_record(reading) for reading in readings], counts
 
 
-def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
+def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], SentenceCounts]:
     """Returns the records and counts of a plug-in's decoder. Raises PluginFault."""
     from topdress.drivers.plugin_process import PluginDecoder
 
@@ -84,7 +84,7 @@ def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
 
 def _decode_heads(
     layout: HeadFields, multiplexed: bool, data: bytes
-) -> tuple[list[Record], Counts]:
+) -> tuple[list[Record], SentenceCounts]:
     return _decode_all(
         HeadDecoder(layout, head=None if multiplexed else 1),
         lambda sample: {f"ndvi_{sample.head}": sample.ndvi},
@@ -98,16 +98,16 @@ def _make_fix_record(fix: GnssFix) -> Record:
     }
 
 
-def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], Counts]:
+def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], SentenceCounts]:
     return _decode_all(receiver.make_decoder(False), _make_fix_record, data)
 
 
-def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], Counts]:
+def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], SentenceCounts]:
     assert device.make_record is not None
     return _decode_all(device.make_decoder(None), device.make_record, data)
 
 
-DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
+DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], SentenceCounts]]] = {
     **{one.captured_as: partial(_decode_receiver, one) for one in map_receivers().values()},
     **{
         one.section: partial(_decode_line_device, one)

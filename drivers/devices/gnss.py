@@ -19,7 +19,7 @@ from datetime import UTC, date, datetime, timedelta
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.device import Receiver
-from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, LineDecoder, RejectedSentence
 from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse_sentence
 
 DAY_MS = 86_400_000
@@ -99,14 +99,14 @@ class GnssDecoder(LineDecoder[GnssFix]):
             return self._take_sentence(
                 self._select_sentence(parse_sentence(sentence), time_s), time_s
             )
-        except Ignored as kind:
+        except IgnoredSentence as kind:
             # A receiver without a fix still counts as present.
             if str(kind) == "no_fix":
                 self._note_talker(sentence[:2].decode(), sentence[2:5].decode(), time_s)
             raise
 
     def _select_sentence(self, sentence: Sentence, time_s: float) -> Sentence:
-        """Returns the sentence if no preferred source has spoken recently. Raises Ignored
+        """Returns the sentence if no preferred source has spoken recently. Raises IgnoredSentence
         otherwise.
 
         All bytes of a recording may have the same time, so a source that has spoken once stays
@@ -115,14 +115,14 @@ class GnssDecoder(LineDecoder[GnssFix]):
         if sentence.type == "ZDA":
             assert sentence.date is not None and sentence.time_of_day_ms is not None
             self._dated = sentence.date, sentence.time_of_day_ms
-            raise Ignored("ZDA")
+            raise IgnoredSentence("ZDA")
         receiver = sentence.talker in GNSS_TALKERS
         if not receiver and self._has_spoken("receiver", time_s):
-            raise Ignored(sentence.talker + sentence.type)
+            raise IgnoredSentence(sentence.talker + sentence.type)
         if sentence.type in PREFERRED_SENTENCES and any(
             self._has_spoken(kind, time_s) for kind in PREFERRED_SENTENCES[sentence.type]
         ):
-            raise Ignored(sentence.type)
+            raise IgnoredSentence(sentence.type)
         self._note_talker(sentence.talker, sentence.type, time_s)
         return sentence
 
@@ -140,8 +140,8 @@ class GnssDecoder(LineDecoder[GnssFix]):
         earlier = epoch.sentences.get(sentence.type)
         if earlier is not None:
             if earlier.talker == sentence.talker:
-                raise Rejected("duplicate_epoch")
-            raise Ignored("other_talker")
+                raise RejectedSentence("duplicate_epoch")
+            raise IgnoredSentence("other_talker")
         brings_speed = sentence.speed_mps is not None and not epoch.has_speed
         epoch.sentences[sentence.type] = sentence
         if sentence.date is not None:
@@ -159,9 +159,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
         epoch = self._epoch
         if sentence.time_of_day_ms is None:
             if epoch is None:
-                raise Ignored("no_epoch")
+                raise IgnoredSentence("no_epoch")
             if self._behind is not None:
-                raise Rejected("time_backwards")
+                raise RejectedSentence("time_backwards")
             return epoch, []
         if epoch is not None and sentence.time_of_day_ms == epoch.time_of_day_ms:
             return epoch, []
@@ -176,12 +176,12 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return self._epoch, closed
 
     def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
-        """Accepts a backward time as the receiver's new clock, or raises Rejected."""
+        """Accepts a backward time as the receiver's new clock, or raises RejectedSentence."""
         if self._behind is None or _calc_time_ahead_ms(time_of_day_ms, self._behind[0]) < 0:
             self._behind = time_of_day_ms, time_s
         self._behind = time_of_day_ms, self._behind[1]
         if time_s - self._behind[1] < NEW_CLOCK_DELAY_S:
-            raise Rejected("time_backwards")
+            raise RejectedSentence("time_backwards")
 
     def _find_ending_type(self) -> str | None:
         last, before = self._types_of_last_epochs

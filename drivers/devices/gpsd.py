@@ -12,7 +12,7 @@ from typing import Any
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.device import Receiver
 from topdress.drivers.devices.gnss import NEW_CLOCK_DELAY_S
-from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, LineDecoder, RejectedSentence
 from topdress.drivers.devices.nmea import MAX_HDOP, MAX_SPEED_MPS
 
 # Command that makes gpsd report every fix as JSON.
@@ -48,35 +48,35 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         except (ValueError, RecursionError):
             report = None
         if not isinstance(report, dict):
-            raise Rejected("malformed")
+            raise RejectedSentence("malformed")
         return self._take_object(report, time_s)
 
     def _take_object(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
         name = report.get("class")
         if not isinstance(name, str):
-            raise Rejected("malformed")
+            raise RejectedSentence("malformed")
         if name == "POLL":
             return self._take_poll(report, time_s)
         if name not in ("TPV", "SKY"):
-            raise Ignored(name if name.isalpha() and len(name) < 20 else "other")
+            raise IgnoredSentence(name if name.isalpha() and len(name) < 20 else "other")
         if self._device is not None and report.get("device", self._device) != self._device:
-            raise Ignored("other_device")
+            raise IgnoredSentence("other_device")
         return self._make_fix(report, time_s) if name == "TPV" else self._take_sky(report)
 
     def _take_poll(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
         """Returns the fixes in an answer to ?POLL, which has the newest reports of each receiver;
         only the receiver in use counts."""
-        found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
+        found: list[GnssFix] | IgnoredSentence | RejectedSentence = IgnoredSentence("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
             reports = report.get(name, [])
             if not isinstance(reports, list) or not all(isinstance(one, dict) for one in reports):
-                raise Rejected("malformed")
+                raise RejectedSentence("malformed")
             for one_report in reports:
                 try:
-                    taken: list[GnssFix] | Ignored | Rejected = self._take_object(
+                    taken: list[GnssFix] | IgnoredSentence | RejectedSentence = self._take_object(
                         {**one_report, "class": kind}, time_s
                     )
-                except (Ignored, Rejected) as why:
+                except (IgnoredSentence, RejectedSentence) as why:
                     taken = why
                 if not (isinstance(found, list) and found) or (isinstance(taken, list) and taken):
                     found = taken
@@ -90,7 +90,7 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             _read_number(report, "uSat", 0, 200),
         )
         if hdop is None and used is None:
-            raise Ignored("SKY")
+            raise IgnoredSentence("SKY")
         self._hdop = hdop if hdop is not None else self._hdop
         self._satellites = int(used) if used is not None else self._satellites
         return []
@@ -98,28 +98,28 @@ class GpsdDecoder(LineDecoder[GnssFix]):
     def _make_fix(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
         mode = _read_number(report, "mode", 0, 3)
         if mode is None:
-            raise Rejected("malformed")
+            raise RejectedSentence("malformed")
         if mode < 2:
-            raise Ignored("no_fix")
+            raise IgnoredSentence("no_fix")
         lat_deg, lon_deg = (
             _read_number(report, "lat", -90.0, 90.0),
             _read_number(report, "lon", -180.0, 180.0),
         )
         if lat_deg is None or lon_deg is None:
-            raise Ignored("no_fix")
+            raise IgnoredSentence("no_fix")
         if lat_deg == 0.0 and lon_deg == 0.0:
-            raise Rejected("impossible_value")
+            raise RejectedSentence("impossible_value")
         status = _read_number(report, "status", 0, 9)
         heading_deg = _read_number(report, "track", 0.0, 360.0)
         speed_mps = _read_number(report, "speed", 0.0, MAX_SPEED_MPS)
         utc = report.get("time")
         if utc is not None and not _is_utc_text(utc):
-            raise Rejected("malformed")
+            raise RejectedSentence("malformed")
         if utc is not None:
             if utc == self._utc:
-                raise Rejected("duplicate_epoch")
+                raise RejectedSentence("duplicate_epoch")
             if utc < self._utc and not self._is_new_clock(time_s):
-                raise Rejected("time_backwards")
+                raise RejectedSentence("time_backwards")
             self._utc, self._behind_since_s = utc, None
         device = report.get("device")
         if isinstance(device, str):
@@ -161,10 +161,10 @@ def _read_number(report: dict[str, Any], key: str, low: float, high: float) -> f
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     # The comparison is also False for NaN, and it works for integers of any length.
     if not low <= value <= high:
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return float(value)
 
 

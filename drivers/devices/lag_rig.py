@@ -13,7 +13,7 @@ from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse
 from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_sequence, split_frame
 from topdress.drivers.devices.device import LineConfig, LineDevice
-from topdress.drivers.devices.lines import LineDecoder, Rejected
+from topdress.drivers.devices.lines import LineDecoder, RejectedSentence
 
 ORDER_FRAME, STATUS_FRAME = "R1", "L1"
 # The smallest delay is searched in the last two blocks of this length, s, because crystals drift by
@@ -88,7 +88,7 @@ class LagRig(LineDecoder[RigReadings]):
 
     def _take_status(self, status: RigStatus, time_s: float) -> RigReadings:
         if is_repeated_sequence(status.seq, self._last_seq):
-            raise Rejected("repeated_sequence")
+            raise RejectedSentence("repeated_sequence")
         restarted = (
             self._last_seq is not None
             and (self._last_seq - status.seq) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2
@@ -135,7 +135,7 @@ def decode_rig_status(frame: bytes) -> RigStatus:
     start = parse_whole(fields[6], COUNTER_MODULUS - 1) if fields[6] else None
     land = parse_whole(fields[7], COUNTER_MODULUS - 1) if fields[7] else None
     if (start is None) != (state < TURNING) or (land is None) != (state < LANDED):
-        raise Rejected("wrong_length")
+        raise RejectedSentence("wrong_length")
     return RigStatus(
         seq, run, state, micros, shaft_rpm, plate, start, land, parse_whole(fields[8], 255)
     )

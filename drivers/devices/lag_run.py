@@ -21,7 +21,7 @@ MAX_STANDSTILL_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]
 
 
-class LagPlan(NamedTuple):
+class LagTestPlan(NamedTuple):
     """Defines the runs and the time-outs of their phases."""
 
     shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
@@ -36,7 +36,7 @@ class LagPlan(NamedTuple):
     tries: int = 3
 
 
-class LagRun(NamedTuple):
+class MeasuredLagRun(NamedTuple):
     """Holds one measured run."""
 
     shaft_rpm: float
@@ -91,10 +91,10 @@ class LagProcedure(_RigProcedure):
     0, and the run begins again later.
     """
 
-    def __init__(self, plan: LagPlan | None = None) -> None:
-        plan = plan or LagPlan()
+    def __init__(self, plan: LagTestPlan | None = None) -> None:
+        plan = plan or LagTestPlan()
         super().__init__(plan.settle_s)
-        self.runs: list[LagRun] = []
+        self.runs: list[MeasuredLagRun] = []
         self.left_out: list[tuple[float, int, str]] = []
         self._plan = plan
         self._todo = [
@@ -166,7 +166,7 @@ class LagProcedure(_RigProcedure):
                 )
             if response_s <= 0.0:
                 return self._fail_run(f"the shaft turned {-response_s:.3f} s before its command")
-            self.runs.append(LagRun(rpm, repeat, response_s, rig.drop_s))
+            self.runs.append(MeasuredLagRun(rpm, repeat, response_s, rig.drop_s))
             self._begin_next()
             return ""
         if now_s - self._sent_s > self._plan.longest_s:
@@ -208,12 +208,12 @@ class LagProcedure(_RigProcedure):
 BENCH_COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
-def make_bench_row(run: LagRun) -> str:
+def make_bench_row(run: MeasuredLagRun) -> str:
     """Returns one run as a row of the table, with times to a millisecond."""
     return f"{run.shaft_rpm:g},{run.replicate},{run.response_s:.3f},{run.drop_s:.3f}\n"
 
 
-def make_bench_table(runs: Iterable[LagRun]) -> str:
+def make_bench_table(runs: Iterable[MeasuredLagRun]) -> str:
     """Returns the runs as a lag bench table (CSV) by shaft speed, with both measured times; their
     sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))

@@ -16,7 +16,7 @@ class LineCutter:
     """Cuts a byte stream at CR and LF. A line longer than `longest` bytes is dropped and counted as
     rejected `overlong`."""
 
-    def __init__(self, counts: Counts, longest: int = 512) -> None:
+    def __init__(self, counts: SentenceCounts, longest: int = 512) -> None:
         self._counts = counts
         self._longest = longest
         self._rest = b""
@@ -47,7 +47,7 @@ class LineCutter:
 
 
 @dataclass(slots=True)
-class Counts:
+class SentenceCounts:
     """Counts the result of every sentence or frame: `read` = accepted + all rejected + all
     ignored."""
 
@@ -86,17 +86,17 @@ class Counts:
         return self.accepted + sum(self.ignored.values()) - self.foreign
 
 
-class Rejected(ValueError):
+class RejectedSentence(ValueError):
     """Reports a wrong sentence, frame or datagram; the argument is the kind under which the fault
     is counted."""
 
 
-class Ignored(Exception):
+class IgnoredSentence(Exception):
     """Reports a valid but unused sentence; the argument is the kind under which the sentence is
     counted."""
 
 
-class Foreign(Ignored):
+class ForeignSentence(IgnoredSentence):
     """Reports a valid sentence that another device may have sent, such as a comment."""
 
 
@@ -108,21 +108,21 @@ class Decoder(Generic[Output]):
     defines `_said`."""
 
     # The exception that `_said` raises for a wrong sentence.
-    wrong: ClassVar[type[Exception]] = Rejected
+    wrong: ClassVar[type[Exception]] = RejectedSentence
     # Number of sentences by which the protocol is recognised on a line.
     min_recognised: ClassVar[int] = 2
 
     def __init__(self) -> None:
-        self.counts = Counts()
+        self.counts = SentenceCounts()
 
     def _decode_and_count(self, sentence: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one sentence, and counts the sentence as accepted, rejected or
         ignored."""
         try:
             readings = self._decode_sentence(sentence, time_s)
-        except Ignored as kind:
+        except IgnoredSentence as kind:
             self.counts.ignore(str(kind))
-            self.counts.foreign += isinstance(kind, Foreign)
+            self.counts.foreign += isinstance(kind, ForeignSentence)
             return []
         except self.wrong as kind:
             self.counts.reject(str(kind))
@@ -131,7 +131,7 @@ class Decoder(Generic[Output]):
         return readings
 
     def _decode_sentence(self, sentence: bytes, time_s: float) -> list[Output]:
-        """Returns the readings of one sentence. Raises Rejected, Ignored."""
+        """Returns the readings of one sentence. Raises RejectedSentence, Ignored."""
         raise NotImplementedError
 
 

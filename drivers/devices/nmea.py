@@ -12,7 +12,7 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import pynmea2
-from topdress.drivers.devices.lines import Foreign, Ignored, Rejected
+from topdress.drivers.devices.lines import ForeignSentence, IgnoredSentence, RejectedSentence
 
 # Talkers of satellite receivers by constellation. Any other two letters belong to a program or
 # instrument that passes a position on (IN integrated navigation, EC chart display, II, ...); P
@@ -77,51 +77,51 @@ def parse_sentence(sentence: bytes) -> Sentence:
 
     Raises
     ------
-    Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
-    Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the
+    RejectedSentence : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
+    IgnoredSentence : the sentence type (with its talker where that is unknown), or `no_fix` where the
     receiver reports no position or no speed.
     """
     text = _verify_checksum(sentence)
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     talker, kind = address[:2], address[2:]
     if len(address) != 5 or not _TALKER.fullmatch(talker):
-        raise Foreign(address)
+        raise ForeignSentence(address)
     if kind not in MIN_FIELD_COUNT:
-        raise Ignored(kind) if talker in GNSS_TALKERS else Foreign(kind)
+        raise IgnoredSentence(kind) if talker in GNSS_TALKERS else ForeignSentence(kind)
     if rest.count(",") + 1 < MIN_FIELD_COUNT[kind]:
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     try:
         fields = pynmea2.parse("$" + text)
     except pynmea2.ParseError:
-        raise Rejected("malformed") from None
+        raise RejectedSentence("malformed") from None
     return _SENTENCE_READERS[kind](talker, fields)
 
 
 def _verify_checksum(sentence: bytes) -> str:
-    """Returns the text before `*` if its checksum is right. Raises Rejected otherwise."""
+    """Returns the text before `*` if its checksum is right. Raises RejectedSentence otherwise."""
     payload, star, given = sentence.partition(b"*")
     given = given.strip()
     if not star or not given:
-        raise Rejected("missing_checksum")
+        raise RejectedSentence("missing_checksum")
     if not _HEX_PAIR.fullmatch(given):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     if int(given, 16) != calc_checksum(payload):
-        raise Rejected("bad_checksum")
+        raise RejectedSentence("bad_checksum")
     try:
         text = payload.decode("ascii")
     except UnicodeDecodeError:
-        raise Rejected("malformed") from None
+        raise RejectedSentence("malformed") from None
     if not text.isprintable():
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     return text
 
 
 def _read_gga(talker: str, fields: Any) -> Sentence:
     quality = _read_whole(str(fields.data[5]), 0, 9)
     if not quality:
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GGA",
@@ -137,15 +137,15 @@ def _read_gga(talker: str, fields: Any) -> Sentence:
 
 def _read_rmc(talker: str, fields: Any) -> Sentence:
     if fields.status == "V":
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     if fields.status != "A":
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     lat_deg, lon_deg = _read_position(fields)
     mode = fields.mode_indicator
     if mode == "N":
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     if mode and mode not in QUALITY_OF_MODE:
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     speed_knots = _read_number(fields.data[6], 0.0, MAX_SPEED_MPS / MPS_PER_KNOT)
     return Sentence(
         "RMC",
@@ -164,7 +164,7 @@ def _read_vtg(talker: str, fields: Any) -> Sentence:
     knots = _read_number(fields.data[4], 0.0, MAX_SPEED_MPS / MPS_PER_KNOT)
     kmh = _read_number(fields.data[6], 0.0, MAX_SPEED_MPS * 3.6)
     if fields.faa_mode == "N" or (knots is None and kmh is None):
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     speed_mps = knots * MPS_PER_KNOT if knots is not None else (kmh or 0.0) / 3.6
     return Sentence(
         "VTG", talker, speed_mps=speed_mps, heading_deg=_read_heading_deg(fields.data[0])
@@ -176,10 +176,10 @@ def _read_gns(talker: str, fields: Any) -> Sentence:
     the mode of the fix."""
     modes = fields.data[5]
     if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     best = next((mode for mode in MODES_BEST_FIRST if mode in modes), "N")
     if best == "N":
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GNS",
@@ -196,9 +196,9 @@ def _read_gns(talker: str, fields: Any) -> Sentence:
 def _read_gll(talker: str, fields: Any) -> Sentence:
     mode = fields.data[6] if len(fields.data) > 6 else ""
     if fields.data[5] == "V" or mode == "N":
-        raise Ignored("no_fix")
+        raise IgnoredSentence("no_fix")
     if fields.data[5] != "A" or (mode and mode not in QUALITY_OF_MODE):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GLL",
@@ -214,14 +214,14 @@ def _read_zda(talker: str, fields: Any) -> Sentence:
     """Returns the content of a ZDA, which is empty before the receiver knows the date."""
     day, month, year = fields.data[1:4]
     if not (fields.data[0] and day and month and year):
-        raise Ignored("ZDA")
+        raise IgnoredSentence("ZDA")
     numbers = [_read_whole(text, 0, 9999) or 0 for text in (year, month, day)]
     try:
         utc_date = date(*numbers)
     except ValueError:
-        raise Rejected("impossible_value") from None
+        raise RejectedSentence("impossible_value") from None
     if not FIRST_GPS_YEAR <= utc_date.year <= LAST_RMC_YEAR:
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return Sentence("ZDA", talker, time_of_day_ms=_read_time_of_day_ms(fields), date=utc_date)
 
 
@@ -239,16 +239,16 @@ def _read_number(text: str, low: float, high: float) -> float | None:
     if not text:
         return None
     if not _NUMBER.fullmatch(text):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     value = float(text)
     if not low <= value <= high or not math.isfinite(value):
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return value
 
 
 def _read_whole(text: str, low: int, high: int) -> int | None:
     if text and not text.isdecimal():
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     value = _read_number(text, low, high)
     return None if value is None else int(value)
 
@@ -260,11 +260,11 @@ def _read_heading_deg(text: str) -> float | None:
 
 def _read_time_of_day_ms(fields: Any, at_field: int = 0) -> int:
     if not _TIME_DIGITS.fullmatch(fields.data[at_field]):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     at = fields.timestamp
     # pynmea2 returns the text itself where it cannot read a time.
     if not isinstance(at, time):
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return (at.hour * 3600 + at.minute * 60 + at.second) * 1000 + round(at.microsecond / 1000)
 
 
@@ -273,23 +273,23 @@ def _read_date(fields: Any) -> date | None:
     if not text:
         return None
     if not _DATE_DIGITS.fullmatch(text):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     day = fields.datestamp
     if not isinstance(day, date):
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return day
 
 
 def _read_position(fields: Any) -> tuple[float, float]:
     """Returns latitude and longitude in signed degrees. Exactly 0, 0 is a receiver's "unknown" and
-    raises Ignored."""
+    raises IgnoredSentence."""
     if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):
-        raise Rejected("malformed")
+        raise RejectedSentence("malformed")
     lat_deg, lon_deg = fields.latitude, fields.longitude
     if float(fields.lat) % 100.0 >= 60.0 or float(fields.lon) % 100.0 >= 60.0:
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 or (lat_deg == 0.0 and lon_deg == 0.0):
-        raise Rejected("impossible_value")
+        raise RejectedSentence("impossible_value")
     return lat_deg, lon_deg

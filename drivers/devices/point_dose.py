@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse_whole, seal_frame
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, split_frame
-from topdress.drivers.devices.lines import Rejected
+from topdress.drivers.devices.lines import RejectedSentence
 
 DOSE_FRAME, REPORT_FRAME = "D1", "E1"
 # Dose frame with the board's word, as `board_frames.COMMAND_FRAME_WORD`.
@@ -51,7 +51,7 @@ class DoseReport(NamedTuple):
     end_micros: int
 
 
-class GivenDose(NamedTuple):
+class DoseProgress(NamedTuple):
     """Holds the state of one dose. `took_s` is the time from the board's receipt to the end of the
     dose, on the board's clock."""
 
@@ -102,7 +102,7 @@ def decode_dose_report(frame: bytes) -> DoseReport:
     )
     state = parse_whole(fields[2], DoseState.ABORTED)
     if state < DoseState.RUNNING:
-        raise Rejected("out_of_range")
+        raise RejectedSentence("out_of_range")
     turned_deg = parse_number(fields[3], 0.0, 2.0 * ANGLE_RANGE_DEG[1])
     return DoseReport(
         seq,
@@ -123,7 +123,7 @@ class PointDose:
     """
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:
-        self.newest: GivenDose | None = None
+        self.newest: DoseProgress | None = None
         self._max_shaft_rpm = max_shaft_rpm
         self._next = 0
 
@@ -150,7 +150,7 @@ class PointDose:
             )
         rpm = min(shaft_rpm, self._max_shaft_rpm)
         line = encode_dose(seq, self._next, angle_deg, rpm, word)
-        self.newest = GivenDose(self._next, angle_deg, rpm, now_s)
+        self.newest = DoseProgress(self._next, angle_deg, rpm, now_s)
         self._next = (self._next + 1) % SEQUENCE_MODULUS
         return line
 

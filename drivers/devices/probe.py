@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder
-from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.rate_module_frames import (
     BoardLabel,
     BoardStatus,
@@ -137,7 +137,7 @@ def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
     for data in datagrams:
         try:
             heard = decode_heard(data)
-        except (Rejected, Ignored):
+        except (RejectedSentence, IgnoredSentence):
             continue
         if isinstance(heard, (ModuleStatus, BoardStatus, ModuleTrace)):
             found.setdefault(heard.module, "")

@@ -25,7 +25,7 @@ from topdress.control.readings import Reading
 from topdress.control.signals import N_
 from topdress.drivers.datagrams import parse_udp_address
 from topdress.drivers.devices.device import Baud, LineConfig, LineDevice
-from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, LineDecoder, RejectedSentence
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 # Upper limit of a rate, kg/ha, the same as for the rates of a job.
@@ -82,19 +82,19 @@ class RateLineDecoder(LineDecoder[ReportedRate]):
         text = sentence.strip()
         own, raven = _TOPDRESS_SENTENCE.fullmatch(text), _RAVEN_SENTENCE.fullmatch(text)
         if own is None and raven is None:
-            raise Rejected("garbage")
+            raise RejectedSentence("garbage")
         if own is not None and calc_checksum(own[1]) != int(own[3], 16):
-            raise Rejected("bad_checksum")
+            raise RejectedSentence("bad_checksum")
         is_target = own is not None or (raven is not None and raven["target"] is not None)
         rate = float(own[2]) if own is not None else 0.0
         if raven is not None:
             rate = self._unit_kg_ha * float(raven["target"] or raven["actual"])
         if rate > MAX_RATE_KG_HA:
-            raise Rejected("impossible_value")
+            raise RejectedSentence("impossible_value")
         if raven is not None and is_target:
             before, self._before = self._before, rate
             if before != rate:
-                raise Ignored("said_once")
+                raise IgnoredSentence("said_once")
         return [ReportedRate(time_s, rate, is_target)]
 
 

@@ -18,7 +18,7 @@ from topdress.control.signals import N_
 from topdress.drivers.datagrams import is_loopback
 from topdress.drivers.devices.board_frames import encode_valves
 from topdress.drivers.devices.device import Device, OpenLine
-from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
+from topdress.drivers.devices.lines import Decoder, IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.rate_module_frames import (
     MAX_PWM,
     MAX_RELAYS,
@@ -207,10 +207,10 @@ class RateModule(Decoder[ModuleReadings]):
         if heard.module != self._address.module or (
             isinstance(heard, ModuleStatus | ModuleTrace) and heard.sensor != self._address.sensor
         ):
-            raise Ignored("other_module")
+            raise IgnoredSentence("other_module")
         if isinstance(heard, ModuleStatus):
             if heard.units_per_min > MAX_REPORTED_SHAFT_RPM:
-                raise Rejected("out_of_range")
+                raise RejectedSentence("out_of_range")
             return [self._read_status(heard, time_s)]
         if isinstance(heard, BoardLabel):
             self.label = heard.text

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, RejectedSentence
 
 # Ids of datagrams to the module.
 TARGET_ID, RELAYS_ID, SETTINGS_ID = 32500, 32501, 32502
@@ -241,8 +241,8 @@ def encode_trace(trace: ModuleTrace) -> bytes:
 
 
 def decode_heard(data: bytes) -> ModuleMessage:
-    """Returns the content of a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
-    `wrong_length`, `bad_checksum`."""
+    """Returns the content of a datagram from a module. Raises RejectedSentence, Ignored:
+    `unknown_message`, `wrong_length`, `bad_checksum`."""
     message, body = _open_datagram(data)
     if message == STATUS_ID:
         flags = body[9]
@@ -287,17 +287,17 @@ def decode_heard(data: bytes) -> ModuleMessage:
             body[20],
             int.from_bytes(body[21:23], "little"),
         )
-    raise Ignored("unknown_message")
+    raise IgnoredSentence("unknown_message")
 
 
 def decode_command(data: bytes) -> FlowTarget | RelayStates:
-    """Returns the content of a datagram to a module, for the virtual module. Raises Rejected,
-    Ignored."""
+    """Returns the content of a datagram to a module, for the virtual module. Raises
+    RejectedSentence, Ignored."""
     message, body = _open_datagram(data)
     if message == TARGET_ID:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
-            raise Rejected("out_of_range")
+            raise RejectedSentence("out_of_range")
         return FlowTarget(
             body[0] >> 4,
             body[0] & 15,
@@ -313,7 +313,7 @@ def decode_command(data: bytes) -> FlowTarget | RelayStates:
     if message == RELAYS_ID:
         relays, power, inverted = (int.from_bytes(body[at : at + 2], "little") for at in (1, 3, 5))
         return RelayStates(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
-    raise Ignored("unknown_message")
+    raise IgnoredSentence("unknown_message")
 
 
 def encode_thousandths(name: str, value: float) -> bytes:
@@ -333,9 +333,9 @@ def _encode_address(module: int, sensor: int) -> int:
 def _open_datagram(data: bytes) -> tuple[int, bytes]:
     message = int.from_bytes(data[:2], "little")
     if message not in LENGTH_OF_ID:
-        raise Ignored("unknown_message")
+        raise IgnoredSentence("unknown_message")
     if len(data) != LENGTH_OF_ID[message]:
-        raise Rejected("wrong_length")
+        raise RejectedSentence("wrong_length")
     if calc_checksum(data[:-1]) != data[-1]:
-        raise Rejected("bad_checksum")
+        raise RejectedSentence("bad_checksum")
     return message, data[2:-1]

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
-from topdress.control.readings import SENSED_COLUMNS, DriveCommand, Reading, ValvesSeen
+from topdress.control.readings import SENSED_COLUMNS, DriveCommand, Reading, ValvePositions
 from topdress.control.signals import N_
 from topdress.drivers.board.framing import SEQUENCE_MODULUS, seal_frame
 from topdress.drivers.board.slave import (
@@ -38,7 +38,7 @@ from topdress.drivers.devices.board_frames import (
     is_repeated_sequence,
 )
 from topdress.drivers.devices.device import LineConfig, LineDevice, OpenLine, Record
-from topdress.drivers.devices.lines import LineDecoder, Rejected
+from topdress.drivers.devices.lines import LineDecoder, RejectedSentence
 from topdress.drivers.devices.point_dose import REPORT_FRAME, PointDose, decode_dose_report
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
@@ -87,7 +87,7 @@ class BoardReadings(NamedTuple):
     driver_fault: bool
     steps_lost: bool = False
     homing: bool = False
-    valves: ValvesSeen | None = None
+    valves: ValvePositions | None = None
     old_order: bool = False
     shaft_effort: Reading | None = None
     gate_effort: Reading | None = None
@@ -201,9 +201,9 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return [self._take_status(decode_status(sentence), time_s)]
 
     def _count_sequence(self, seq: int) -> None:
-        """Counts missed frames. Raises Rejected for a repeated frame."""
+        """Counts missed frames. Raises RejectedSentence for a repeated frame."""
         if is_repeated_sequence(seq, self._last_seq):
-            raise Rejected("repeated_sequence")
+            raise RejectedSentence("repeated_sequence")
         if self._last_seq is not None:
             skipped = (seq - self._last_seq - 1) % SEQUENCE_MODULUS
             self.missed += skipped if skipped < SEQUENCE_MODULUS // 2 else 0
@@ -236,7 +236,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             bool(status.flags & HOMING),
             None
             if status.valves_open is None
-            else ValvesSeen(time_s, decode_valves(status.valves_open)),
+            else ValvePositions(time_s, decode_valves(status.valves_open)),
             bool(status.flags & OLD_ORDER),
             reading(status.shaft_effort),
             reading(status.gate_effort),

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import re
 
-from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announceable
+from topdress.control.readings import MAX_ANNOUNCED_POINTS, AnnouncedSpeeds, is_announceable
 from topdress.control.signals import N_
 from topdress.drivers.devices.device import LineConfig, LineDevice
-from topdress.drivers.devices.lines import Foreign, LineDecoder, Rejected
+from topdress.drivers.devices.lines import ForeignSentence, LineDecoder, RejectedSentence
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 SENTENCE_HEADER = b"PTDSP,"
@@ -28,40 +28,40 @@ class TractorConfig(LineConfig):
     tractor will reach (`$PTDSP`)."""
 
 
-class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
+class TractorSpeedDecoder(LineDecoder[AnnouncedSpeeds]):
     """Decodes bytes to announced speeds. Counted as rejected: `bad_checksum`, `wrong_fields`,
     `impossible_value`, `overlong`, `garbage`; as ignored: sentences with another name."""
 
     longest = 1024
 
-    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[SpeedPlan]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[AnnouncedSpeeds]:
         found = _SENTENCE.fullmatch(sentence.strip())
         if found is None:
-            raise Rejected("garbage")
+            raise RejectedSentence("garbage")
         body, sum_ = found.groups()
         if calc_checksum(body) != int(sum_, 16):
-            raise Rejected("bad_checksum")
+            raise RejectedSentence("bad_checksum")
         if not body.startswith(SENTENCE_HEADER):
-            raise Foreign("other_sentence")
+            raise ForeignSentence("other_sentence")
         fields = body[len(SENTENCE_HEADER) :].split(b",")
         if (
             len(fields) % 2 == 0
             or not 3 <= len(fields) <= 1 + 2 * MAX_ANNOUNCED_POINTS
             or not all(map(_NUMBER.fullmatch, fields))
         ):
-            raise Rejected("wrong_fields")
+            raise RejectedSentence("wrong_fields")
         values = [float(field) for field in fields]
-        announced = SpeedPlan(
+        announced = AnnouncedSpeeds(
             time_s,
             tuple((in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)),
             values[0],
         )
         if not is_announceable(announced):
-            raise Rejected("impossible_value")
+            raise RejectedSentence("impossible_value")
         return [announced]
 
 
-def make_speed_sentence(announced: SpeedPlan) -> bytes:
+def make_speed_sentence(announced: AnnouncedSpeeds) -> bytes:
     """Returns an announcement as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
     return seal_sentence(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")
@@ -70,7 +70,7 @@ def make_speed_sentence(announced: SpeedPlan) -> bytes:
 def make_example() -> bytes:
     """Returns forty announcements of a tractor that drives faster."""
     speeds_mps = (1.2 + tick / 100.0 for tick in range(40))
-    plans = (SpeedPlan(0.0, ((0.0, now_mps), (1.5, 2.0)), 0.5) for now_mps in speeds_mps)
+    plans = (AnnouncedSpeeds(0.0, ((0.0, now_mps), (1.5, 2.0)), 0.5) for now_mps in speeds_mps)
     return b"".join(map(make_speed_sentence, plans))
 
 

@@ -28,7 +28,7 @@ from topdress.drivers.files.log_store import is_log_store
 from topdress.drivers.files.table import NoHeaderError, read_header
 
 # Share of known columns; a log with a smaller share is foreign, and the import reads it better.
-MIN_KNOWN_SHARE = 0.5
+MIN_KNOWN_COLUMN_SHARE = 0.5
 # Columns that occur in a log but not in a bench table.
 _LOG_COLUMNS = frozenset(
     {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
@@ -89,7 +89,9 @@ class FileContent:
                 if not name.startswith("x_")
             )
         return not (
-            {"time_s", "utc"} & set(ours) and known >= MIN_KNOWN_SHARE * len(ours) and known > 1
+            {"time_s", "utc"} & set(ours)
+            and known >= MIN_KNOWN_COLUMN_SHARE * len(ours)
+            and known > 1
         )
 
     @cached_property

@@ -18,7 +18,7 @@ from topdress.drivers.plain_text import OneLineError
 # Number of bytes at the beginning that are examined.
 SNIFFED_BYTES = 4096
 # Share of bytes that must be text in a text file.
-MIN_TEXT_SHARE = 0.95
+MIN_TEXT_BYTE_SHARE = 0.95
 
 
 class WrongKindError(OneLineError):
@@ -188,7 +188,7 @@ def _sniff_text(head: bytes) -> str:
     readable = sum(byte >= 32 or byte in b"\t\r\n\0\x0c" for byte in head)
     return (
         "text"
-        if readable >= MIN_TEXT_SHARE * len(head) and head.count(0) < 0.3 * len(head)
+        if readable >= MIN_TEXT_BYTE_SHARE * len(head) and head.count(0) < 0.3 * len(head)
         else "binary"
     )
 

@@ -26,7 +26,7 @@ from topdress.drivers.files.imports.import_errors import TableError
 
 SecondsArray = NDArray[np.float64]
 # Share of numbers in a time column above which the other cells are not dates.
-_MAX_NUMBER_SHARE = 0.5
+_MAX_NUMBER_CELL_SHARE = 0.5
 # Name of a column with a speed in km/h.
 _KMH_COLUMN = "speed_kmh"
 
@@ -193,7 +193,7 @@ def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> SecondsArra
     if values.dtype == object:
         numbers = np.array([_parse_float(text) for text in values.tolist()])
         # Numbers decide if they are the majority, since a log may contain single broken cells.
-        if np.isfinite(numbers).sum() <= _MAX_NUMBER_SHARE * max(1, np.sum(values != "")):
+        if np.isfinite(numbers).sum() <= _MAX_NUMBER_CELL_SHARE * max(1, np.sum(values != "")):
             dates = parse_utc_seconds(values)
             known = np.isfinite(dates)
             if not known.any():

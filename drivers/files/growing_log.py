@@ -1,7 +1,7 @@
 """Which rows have been added since the last reading to a log that another program is still writing?
 
-Only new, whole lines are read, of topdress's run logs and of foreign texts (`ForeignText`). Other
-files are imported anew whenever they have grown, and rows later than the last row are new. A
+Only new, whole lines are read, of topdress's run logs and of foreign texts (`ForeignTextReader`).
+Other files are imported anew whenever they have grown, and rows later than the last row are new. A
 damaged line is omitted and counted. If another log replaces the file, it is read from its
 beginning; its times show the replacement.
 """
@@ -45,7 +45,7 @@ ONE_BYTE_ENCODINGS = (
 )
 
 
-class ForeignText:
+class ForeignTextReader:
     """Reads another program's text. `read` returns the rows of the new lines, or of the whole file
     where they need it."""
 
@@ -150,7 +150,7 @@ class GrowingLog:
         # Size and identity of the file at the last reading.
         self._size, self._place = -1, (0, 0)
         self._foreign: bool | None = None
-        self._text = ForeignText(self.path)
+        self._text = ForeignTextReader(self.path)
 
     def read_new_rows(self) -> Columns | None:
         """Returns the rows since the last call with the columns of `RunLog`; None without new rows.
@@ -189,7 +189,7 @@ class GrowingLog:
         ):
             # Another log has replaced the file.
             if size < self._size:
-                self._text = ForeignText(self.path)
+                self._text = ForeignTextReader(self.path)
             before = self._text.damaged
             columns, self._size = self._text.read(size), size
             self.damaged += self._text.damaged - before

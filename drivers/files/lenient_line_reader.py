@@ -11,7 +11,7 @@ from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 
 # Share of damaged lines above which the file is no log of this kind.
-MAX_DAMAGED_SHARE = 0.5
+MAX_DAMAGED_LINE_SHARE = 0.5
 # Largest number of readings; each damaged line costs two readings for each halving.
 MAX_READINGS = 100
 
@@ -35,7 +35,7 @@ class LenientLineReader:
         if self.found is None and len(rows) > 1:
             good = self._find_good_lines(rows)
             self.damaged = len(rows) - len(good)
-            if good and self.damaged <= MAX_DAMAGED_SHARE * len(rows):
+            if good and self.damaged <= MAX_DAMAGED_LINE_SHARE * len(rows):
                 self.found = self._read_whole(good)
         elif self.found is None:
             self.damaged = len(rows)

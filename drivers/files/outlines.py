@@ -42,7 +42,7 @@ CROSSINGS_PER_CORNER = 2
 OVERLAP_PREDICATES = ("overlaps", "contains", "within")
 # Share of the smaller of two zones below which an intersection is no overlap: corners rounded to 1
 # cm, in cells of 10 m.
-SLIVER_SHARE = 1e-3
+SLIVER_AREA_SHARE = 1e-3
 # Number of zones compared with all others at once, and of pairs.
 MAX_ZONE_STEP, PAIRS_AT_ONCE = 64, 100_000
 # Number of pairs of extents at once (8 MB), and smallest number of shapes at once (100 MB against
@@ -69,7 +69,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     crossed = check_outlines(zones, label)
     shapes = make_polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
-    less = 0.5 * SLIVER_SHARE * (high - low)
+    less = 0.5 * SLIVER_AREA_SHARE * (high - low)
     extents = shapely.box(*(low + less).T, *(high - less).T)
     _check_shared_crossings(zones, label)
     if _count_meeting_extents(extents, OVERLAPS_LIMIT.most) <= OVERLAPS_LIMIT.most:
@@ -85,7 +85,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
         later += begin
         later, earlier = later[later > earlier], earlier[later > earlier]
         shared = shapely.area(shapely.intersection(shapes[later], shapes[earlier]))
-        found += int((shared > SLIVER_SHARE * np.minimum(areas[later], areas[earlier])).sum())
+        found += int((shared > SLIVER_AREA_SHARE * np.minimum(areas[later], areas[earlier])).sum())
         check_limit(OVERLAPS_LIMIT, found, label)
     return crossed
 

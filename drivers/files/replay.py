@@ -24,10 +24,10 @@ from topdress.control.log_row import GNSS_VALID_FOR_S, HEAD_COLUMNS, NDRE_COLUMN
 from topdress.control.orders import TargetSource
 from topdress.control.readings import (
     SENSED_COLUMNS,
+    AnnouncedSpeeds,
     GnssFix,
     Measurements,
     Reading,
-    SpeedPlan,
     parse_announcement,
 )
 from topdress.drivers.files.read_log import RunLog
@@ -72,7 +72,7 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
     switch = [
         None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
     ]
-    announced: SpeedPlan | None = None
+    announced: AnnouncedSpeeds | None = None
     # The log's target includes the operator's nudge, but the rate request of another display does
     # not.
     # The nudge is applied by the loop itself, so it is removed from the recorded target.

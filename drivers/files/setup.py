@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.growth import Growth, assess_growth
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.growth import GrowthStageComparison, assess_growth
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.agronomy.product import Product
 from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.machine import Machine
@@ -36,7 +36,7 @@ from topdress.drivers.files.weather import WeatherError, count_growing_days
 # Number of relays of a rate module besides the drive's own.
 MAX_MODULE_VALVES = 15
 # Relative difference up to which two circumferences of the wheel count as equal.
-MAX_WHEEL_DIFFERENCE_SHARE = 1e-4
+SAME_WHEEL_TOLERANCE = 1e-4
 
 # A function of this type returns the names of the logs of the job that is continued.
 OwnLogsFinder = Callable[[Job], Collection[str]]
@@ -53,7 +53,7 @@ class Setup:
 
     machine: Machine
     crop: Crop
-    rule: Rule
+    rule: CropRule
     job: Job
     # Checksums by the name of the configuration file; the job's map and plant list are included.
     sha256: dict[str, str]
@@ -68,7 +68,7 @@ class Setup:
     n_year: YearNitrogen | None = None
 
     @property
-    def growth(self) -> Growth | None:
+    def growth(self) -> GrowthStageComparison | None:
         """The crop's growth stage and its window; None where the crop file has no window."""
         return assess_growth(self.crop.growth_window, self.job.growth, self.rule.days)
 
@@ -286,7 +286,7 @@ def _apply_job_dates(crop: Crop, job: Job) -> Crop:
     return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
 
 
-def describe_growth(growth: Growth | None) -> str:
+def describe_growth(growth: GrowthStageComparison | None) -> str:
     """Returns a note about the crop's stage; empty inside of its window, and for a crop without a
     window."""
     if growth is None or (growth.stage is not None and not growth.is_outside):
@@ -361,7 +361,7 @@ def _compare_wheels(
         f"{machine_path} has it (key "
         f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
         for key, ours, theirs in pairs
-        if abs(ours / theirs - 1.0) > MAX_WHEEL_DIFFERENCE_SHARE
+        if abs(ours / theirs - 1.0) > SAME_WHEEL_TOLERANCE
     ]
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.board.framing import Receiver
-from topdress.drivers.board.motion import Doser
+from topdress.drivers.board.motion import StepperDoser
 from topdress.drivers.board.slave import DOSE_DONE, BoardSettings, Pins, SlaveProgram
 from topdress.drivers.devices.board_frames import (
     MAX_SECTION_VALVES,
@@ -19,7 +19,7 @@ from topdress.drivers.devices.board_frames import (
     decode_valves,
     encode_valves,
 )
-from topdress.drivers.devices.lines import Counts
+from topdress.drivers.devices.lines import SentenceCounts
 
 # Counts of the real encoder per turn of the shaft; the board uses the number in its settings
 # instead.
@@ -77,7 +77,7 @@ class _PlantPins(Pins):
 class _CountingReceiver(Receiver):
     """Receives frames and counts the rejected frames by kind."""
 
-    def __init__(self, counts: Counts) -> None:
+    def __init__(self, counts: SentenceCounts) -> None:
         super().__init__()
         self._counts = counts
 
@@ -86,7 +86,7 @@ class _CountingReceiver(Receiver):
         self._counts.reject(kind)
 
 
-class _PlantDoser(Doser):
+class _PlantDoser(StepperDoser):
     """Delivers a dose through the plant: one `DoseOrder` takes the place of motor steps."""
 
     turned_deg = 0.0
@@ -114,7 +114,7 @@ class VirtualBoard(SlaveProgram):
         opening_mm: float = 0.0,
         chance: Callable[[], int | None] = lambda: secrets.randbits(32),
     ) -> None:
-        self.counts = Counts()
+        self.counts = SentenceCounts()
         # Tests and fault injection set this flag.
         self.driver_fault = False
         self._plant = _PlantPins(chance, lambda: self.driver_fault)

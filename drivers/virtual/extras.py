@@ -10,7 +10,7 @@ from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.datagrams import Datagrams
 from topdress.drivers.devices.agopengps import FRAME_HEADER, POSITION_ID, SPEED_ID
-from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.rate_module_frames import (
     MAX_PWM,
     MAX_RELAYS,
@@ -216,7 +216,7 @@ class VirtualRateModule(MachineExtra):
     def _take_datagram(self, data: bytes, now_s: float) -> None:
         try:
             command = decode_command(data)
-        except (Rejected, Ignored):
+        except (RejectedSentence, IgnoredSentence):
             self.refused += 1
             return
         if not self.listens or (command.module, command.sensor) != (self._module, self._sensor):

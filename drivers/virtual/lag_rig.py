@@ -7,7 +7,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 
-from topdress.control.simulation.plant import SensorReadings, Truth
+from topdress.control.simulation.plant import PlantTruth, SensorReadings
 from topdress.drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from topdress.drivers.ports import Port
 from topdress.drivers.virtual.extras import MachineExtra
@@ -48,7 +48,7 @@ class VirtualLagRig(MachineExtra):
     """Adds a lag rig to the virtual machine. `truth` returns the real state of the plant after the
     newest step."""
 
-    def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
+    def __init__(self, port: Port, truth: Callable[[], PlantTruth | None]) -> None:
         self._pins = _Pins(port)
         self._settings = RigSettings()
         self._program = RigProgram(self._pins, self._settings)
@@ -81,7 +81,7 @@ class VirtualLagRig(MachineExtra):
             )
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
-    def _carry_granules(self, truth: Truth) -> None:
+    def _carry_granules(self, truth: PlantTruth) -> None:
         """Advances falling granules by a step, as `control.machine.landing.falls_s` does."""
         step_s, share = truth.time_s - self._last_s, truth.carried_share
         stream = share / max(truth.settled_drop_s, MIN_DROP_S)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import make_rate_table, prepare_rule
-from topdress.control.agronomy.reference_strips import StripValue
-from topdress.control.agronomy.yield_potential import YIELD_SETS, YieldPotential
+from topdress.control.agronomy.reference_strips import StripMean
+from topdress.control.agronomy.yield_potential import PUBLISHED_YIELD_CURVES, YieldPotential
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.farm_lines import RECORD_COLUMNS
@@ -33,7 +33,7 @@ def message(data: dict) -> str:
 
 def test_every_published_set_has_a_crop_file(crop_data):
     used = {Crop.model_validate(crop_data(name)).yield_potential.set for name in NAMES}
-    assert used == set(YIELD_SETS)
+    assert used == set(PUBLISHED_YIELD_CURVES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -149,7 +149,7 @@ def test_the_sufficiency_index(crop_data):
         assert decision.sufficiency_index == pytest.approx(reading / 0.40)
     waiting = prepare_rule(Crop.model_validate(sufficient(crop_data, ndvi_nrich=None)))
     assert not waiting.is_ready and waiting.decide_rate(0.3).why == "no_strips"
-    assert waiting.replace_strip(StripValue("nrich", 0.40)).decide_rate(
+    assert waiting.replace_strip(StripMean("nrich", 0.40)).decide_rate(
         0.37
     ).rate_kg_ha == pytest.approx(75.0 / 0.45)
     with pytest.raises(ValueError, match="goes with yield_potential, not with sufficiency"):

@@ -13,7 +13,12 @@ from topdress.console.app.units import METRIC
 from topdress.console.reports.job_about import JobMetadata, find_job_events, format_names
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.days import count_days_above_base
-from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, assess_growth
+from topdress.control.agronomy.growth import (
+    GrowthStage,
+    GrowthStageComparison,
+    GrowthWindow,
+    assess_growth,
+)
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import load_config, save_config
@@ -39,7 +44,7 @@ def test_in_the_crop_files_own_terms():
     assert (
         assess_growth(FEEKES, stage("bbch", 31), 90)
         == assess_growth(FEEKES, None, 90)
-        == Growth("feekes", 4, 6, None)
+        == GrowthStageComparison("feekes", 4, 6, None)
     )
     days = GrowthWindow(scale="days", first=87, last=112)
     assert [assess_growth(days, None, count).is_outside for count in (86, 87, 112, 113)] == [

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.fusion import (
-    Fused,
+    FusedNdvi,
     FusionLimits,
     FusionState,
     fuse_readings,
@@ -29,7 +29,7 @@ from topdress.control.agronomy.noa import (
 )
 from topdress.control.agronomy.sampling import (
     FREQUENCIES_HZ,
-    Evenness,
+    ReadingUniformity,
     calc_cuc_percent,
     calc_cv_percent,
     choose_frequency,
@@ -271,9 +271,9 @@ def test_a_column_of_table_1():
 
 
 def test_the_paper_chooses_1_hz(paper_table):
-    plots: dict[str, dict[float, Evenness]] = {}
+    plots: dict[str, dict[float, ReadingUniformity]] = {}
     for row in paper_table("decision_table1_sampling.csv"):
-        plots.setdefault(row["plot"], {})[float(row["frequency_hz"])] = Evenness(
+        plots.setdefault(row["plot"], {})[float(row["frequency_hz"])] = ReadingUniformity(
             0, math.nan, float(row["cv_percent"]), float(row["cuc_percent"])
         )
     assert len(plots) == 12
@@ -285,8 +285,8 @@ def test_the_paper_chooses_1_hz(paper_table):
 
 
 def test_a_table_of_our_own_where_the_slowest_is_as_good():
-    same = Evenness(10, 0.5, 8.0, 93.0)
-    other = Evenness(10, 0.5, 9.0, 93.0)
+    same = ReadingUniformity(10, 0.5, 8.0, 93.0)
+    other = ReadingUniformity(10, 0.5, 9.0, 93.0)
     assert choose_frequency([{2.0: same, 1.0: same, 0.5: same}]).frequency_hz == 0.5
     assert choose_frequency([{2.0: same, 1.0: other, 0.5: same}]).frequency_hz == 0.5
     assert choose_frequency([{2.0: same, 1.0: same, 0.5: other}]).frequency_hz == 1.0
@@ -344,7 +344,7 @@ def run(rows, period_s=0.5, state=None, from_s=0.0):
 
 def test_median_of_six():
     _, (fused,) = run([[0.50, 0.52, 0.48, 0.51, 0.49, 0.53]])
-    assert fused == Fused(pytest.approx(0.505), 6, (), (), (), False)
+    assert fused == FusedNdvi(pytest.approx(0.505), 6, (), (), (), False)
 
 
 GOOD, BAD = [0.5] * 6, [0.5, 0.51, 0.75, 0.49, 0.5, 0.52]

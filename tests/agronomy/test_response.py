@@ -16,8 +16,8 @@ from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import calc_yield_without_t_ha, prepare_rule
 from topdress.control.agronomy.reference_strips import (
-    Strips,
-    StripValue,
+    ReferenceStrips,
+    StripMean,
     calc_measured_index,
     find_index_doubt,
     parse_strip,
@@ -72,7 +72,7 @@ def test_as_long_as_a_strip_is_missing_nothing_is_decided(field_crop, huanghai):
         rule = prepare_rule(field_crop, 100, *strips)
         assert not rule.is_ready and rule.decide_rate(0.5).why == "no_strips"
     rule = prepare_rule(field_crop, 100, 0.66)
-    assert rule.replace_strip(StripValue("check", 0.55)).decide_rate(
+    assert rule.replace_strip(StripMean("check", 0.55)).decide_rate(
         0.5
     ).response_index == pytest.approx(1.2)
     fixed = prepare_rule(huanghai, response_rule="field")
@@ -84,12 +84,12 @@ def test_as_long_as_a_strip_is_missing_nothing_is_decided(field_crop, huanghai):
 def test_no_response_gives_nothing_and_is_doubted(field_crop):
     assert prepare_rule(field_crop, 100, 0.5, 0.55).decide_rate(0.5).rate_kg_ha == 0.0
     assert [
-        find_index_doubt(Strips(*one))
+        find_index_doubt(ReferenceStrips(*one))
         for one in ((0.5, 0.55), (0.55, 0.55), (0.9, 0.301), (0.9, 0.299), (0.9, None))
     ] == ["below_1", "", "", "above_3", ""]
     assert (
-        calc_measured_index(Strips(0.9, 0.299)) > 3.0
-        and calc_field_response(Strips(0.9, 0.299), 2.0, None) == 2.0
+        calc_measured_index(ReferenceStrips(0.9, 0.299)) > 3.0
+        and calc_field_response(ReferenceStrips(0.9, 0.299), 2.0, None) == 2.0
     )
 
 
@@ -211,7 +211,7 @@ def test_a_file_that_says_nothing_of_grades_is_told(crop_data):
 
 
 @pytest.mark.parametrize(
-    "value", [StripValue("nrich", 0.7121, 0.0041, 38), StripValue("check", 0.55)]
+    "value", [StripMean("nrich", 0.7121, 0.0041, 38), StripMean("check", 0.55)]
 )
 def test_a_strip_is_ordered_as_it_is_logged(value):
     assert parse_strip(value.event_text) == value
@@ -242,7 +242,9 @@ def test_what_is_no_strip(text):
 
 def test_values_stay_finite():
     assert math.isfinite(
-        calc_field_response(Strips(1.0, 1e-6), 2.0, HarvestLine(slope=1.64, intercept=-0.53))
+        calc_field_response(
+            ReferenceStrips(1.0, 1e-6), 2.0, HarvestLine(slope=1.64, intercept=-0.53)
+        )
         or math.nan
     )
 

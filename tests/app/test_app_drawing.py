@@ -14,7 +14,7 @@ from rich.style import Style
 from topdress.console.app import camera, panel_views
 from topdress.console.app.actions import ACTIONS
 from topdress.console.app.braille import trace_values
-from topdress.console.app.coverage_raster import Box
+from topdress.console.app.coverage_raster import GroundBox
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.history import LiveHistory
 from topdress.console.app.pages.calibrate.curve_plot import CurvePlot, CurveView
@@ -144,7 +144,7 @@ def test_an_unknown_value_breaks_the_trace():
 def test_every_place_lies_on_the_map(places, columns, rows):
     easts, norths = zip(*places, strict=True)
     pixels = camera.fit_box(
-        Box(min(easts), min(norths), max(easts), max(norths)), columns, rows
+        GroundBox(min(easts), min(norths), max(easts), max(norths)), columns, rows
     ).make_grid(columns, rows)
     for place in places:
         x, y = pixels.find_pixel(*place)
@@ -152,7 +152,7 @@ def test_every_place_lies_on_the_map(places, columns, rows):
 
 
 def test_the_map_has_north_up_and_east_right():
-    pixels = camera.fit_box(Box(0.0, 0.0, 50.0, 50.0), 40, 40).make_grid(40, 40)
+    pixels = camera.fit_box(GroundBox(0.0, 0.0, 50.0, 50.0), 40, 40).make_grid(40, 40)
     west, north = pixels.find_pixel(0.0, 50.0), pixels.find_pixel(0.0, 0.0)
     assert west[1] < north[1]
     assert pixels.find_pixel(50.0, 0.0)[0] > pixels.find_pixel(0.0, 0.0)[0]
@@ -254,7 +254,7 @@ def test_the_history_is_bounded_and_begins_anew_with_a_new_log():
     assert history.list_recent_points(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
     assert history.worked.box is not None and history.series.end_s == frames[-1].row.time_s
     history.add_frame(frames[0])
-    assert len(history.points) == 1 and history.worked.box == Box(0.0, 0.0, 0.0, 0.0)
+    assert len(history.points) == 1 and history.worked.box == GroundBox(0.0, 0.0, 0.0, 0.0)
     assert history.series.start_s == history.series.end_s == 0.0
 
 

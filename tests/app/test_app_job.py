@@ -27,10 +27,10 @@ from topdress.console.app.pages.job.service import EarlierRun, JobOffer
 from topdress.console.app.pages.job.strip_measurement import StripRun, calc_standard_error
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
-from topdress.console.frame import Tally
+from topdress.console.frame import JobCounts
 from topdress.console.link import WorkerGone
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.control.agronomy.reference_strips import Strips, parse_strip
+from topdress.control.agronomy.reference_strips import ReferenceStrips, parse_strip
 from topdress.control.field.job import Wanted
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order, Severity
@@ -118,7 +118,9 @@ def test_what_is_to_be_looked_at_before_work(frames):
         LOOK,
     ]
     assert levels(replace(frame, log_path=""))["log"] == STOP
-    assert levels(replace(frame, tally=Tally(trouble="a.resume.json: disk full")))["log"] == LOOK
+    assert (
+        levels(replace(frame, tally=JobCounts(trouble="a.resume.json: disk full")))["log"] == LOOK
+    )
     assert levels(frame, None, trouble="job.yaml: no such file")["job"] == STOP
 
 
@@ -156,7 +158,7 @@ def test_every_warning_of_the_crop_stands_in_full(frames):
 
 
 def test_totals_in_words(frames):
-    frame = replace(frames[-1], tally=Tally(130.0, 60, (("t", 250.0), ("t", 25.0))))
+    frame = replace(frames[-1], tally=JobCounts(130.0, 60, (("t", 250.0), ("t", 25.0))))
     shown = {item.label: item.value.text for item in make_total_items(frame, 0.0, METRIC)}
     worked_s = frame.totals.worked_s
     assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
@@ -297,14 +299,17 @@ def test_strips_and_index_on_the_list(frames):
         for check in list_checks(frame, 0.0, facts, "", 10**11, METRIC)
     }
     assert texts["response index"] == (LOOK, "farmer check missing: drive one with B")
-    live = replace(frame, strips=Strips(0.66, 0.55))
+    live = replace(frame, strips=ReferenceStrips(0.66, 0.55))
     texts = {
         check.label: (check.level, check.text)
         for check in list_checks(live, 0.0, facts, "", 10**11, METRIC)
     }
     assert texts["response index"] == (OK, "RI 1.20: N-rich 0.660 over check 0.550")
     assert texts["N-rich strip"] == (OK, "NDVI 0.660  measured on the way")
-    for strips, said in ((Strips(0.5, 0.55), "no greener"), (Strips(0.9, 0.29), "above 3")):
+    for strips, said in (
+        (ReferenceStrips(0.5, 0.55), "no greener"),
+        (ReferenceStrips(0.9, 0.29), "above 3"),
+    ):
         level, text = {
             check.label: (check.level, check.text)
             for check in list_checks(replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)

@@ -9,7 +9,7 @@ import pytest
 from textual import events
 from textual.widgets import Input
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import JoinedMachine
+from topdress.console.app.attach_notice import JoinedMachineFacts
 from topdress.console.app.dialogs import ChoiceDialog, TextDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.job.service import JobOffer
@@ -27,7 +27,7 @@ SIZES = ((120, 40), (80, 24), (60, 20))
 OFFER = JobOffer(
     "/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2
 )
-JOINED = JoinedMachine(
+JOINED = JoinedMachineFacts(
     "2026-11-23T07:12:00+00:00",
     "/logs/run.csv",
     ("/jobs/north.yaml",),

@@ -21,9 +21,9 @@ from topdress.console.app.dialogs import Dialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.base_page import NoticeRows
 from topdress.console.app.panel_views import (
+    AgedText,
     AlarmsView,
     RatesView,
-    ShownText,
     StatusView,
     make_alarms_view,
 )
@@ -162,11 +162,11 @@ def test_the_finder_finds():
     view = AlarmsView((), "a calm line that is much too long for so few cells", "", True)
     assert drawn_in(AlarmBar(view), view, 20, 1)[1] == []
     note = RatesView(
-        ShownText("1"),
-        ShownText("1"),
+        AgedText("1"),
+        AgedText("1"),
         "kg/ha",
         "",
-        ShownText("--"),
+        AgedText("--"),
         None,
         "",
         ("a note of more cells than there are",),
@@ -234,11 +234,11 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
     ]:
         note = tuple(frame_words.name_note(one) for one in some)
         view = RatesView(
-            ShownText("1234"),
-            ShownText("1234"),
+            AgedText("1234"),
+            AgedText("1234"),
             "kg/ha",
             "+30 %",
-            ShownText("-100 %"),
+            AgedText("-100 %"),
             -1.0,
             "red",
             note,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from topdress.console.app import frame_words
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import JoinedMachine
+from topdress.console.app.attach_notice import JoinedMachineFacts
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.pages.job.service import RunningLimits
@@ -175,7 +175,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
         live=False,
         utc_offset_s=0.0,
         services=Services(job=SampleJobService()),
-        joined=JoinedMachine(
+        joined=JoinedMachineFacts(
             "2026-11-23T07:12:00+00:00",
             "/logs/run.csv",
             ("/jobs/north.yaml",),

@@ -8,14 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.coverage_raster import CELL_KIND_COUNT, Spot, WorkedGround, make_spot
+from topdress.console.app.coverage_raster import (
+    CELL_KIND_COUNT,
+    OutletSpot,
+    WorkedGround,
+    make_spot,
+)
 from topdress.console.app.frame_words import SECTION_NAMES
 from topdress.console.app.pages.run.keys import list_allow_choices
 from topdress.console.app.pages.run.section_bar import list_section_choices, list_section_parts
 from topdress.console.frame import Frame, format_frame_json, parse_frame
 from topdress.console.locale import use_language
 from topdress.control.log_row import LogRow
-from topdress.control.orders import WHY_CLOSED, Do, Order, SectionState
+from topdress.control.orders import SECTION_CLOSED_REASONS, Do, Order, SectionState
 
 from tests.app.gallery import StillSource
 
@@ -29,7 +34,7 @@ def text_of(parts):
 
 def test_neighbours_that_are_alike_stand_together():
     assert text_of(list_section_parts(STATES)) == " sections   1-2 open   3 outside   4 BY HAND"
-    assert set(SECTION_NAMES) == set(WHY_CLOSED)
+    assert set(SECTION_NAMES) == set(SECTION_CLOSED_REASONS)
     use_language("zh")
     assert text_of(list_section_parts(STATES)) == " 分段   1-2 打开   3 田外   4 手动关闭"
 
@@ -85,7 +90,7 @@ def test_the_map_keeps_strips_of_what_was_open(frames):
     worked.sections = (1.0 / 3.0, 2.0 / 3.0, 1.0)
     worked.add_spots(
         [
-            Spot(1.5, north, 0.0, 300.0, 300.0, 0.5, 0b101)
+            OutletSpot(1.5, north, 0.0, 300.0, 300.0, 0.5, 0b101)
             for north in np.arange(0.5, 9.6, 0.5).tolist()
         ]
     )

@@ -16,7 +16,7 @@ from topdress.console.app.services import Services
 from topdress.console.app.tablet import WRITING_PAGES, KeyDialog, TabletApp, TabletKey
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.key_bar import KeyBar
-from topdress.console.services.line_files import KeptLineFiles, ReadOnlyLineFiles
+from topdress.console.services.line_files import ReadOnlyGuideLineFiles, StoredGuideLineFiles
 from topdress.control.orders import Do
 
 from tests.app.gallery import StillClock, StillSource
@@ -214,7 +214,7 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     its own alone."""
     log = tmp_path / "run.csv"
     frame = replace(frames[-1], log_path=str(log))
-    files = KeptLineFiles()
+    files = StoredGuideLineFiles()
     files.append_record(str(log), make_line_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
     files.close_files()
     before = EarlierRun((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
@@ -225,7 +225,8 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
         clock=StillClock(),
         live=False,
         services=Services(
-            earlier=lambda path: before if path == str(log) else None, lines=ReadOnlyLineFiles()
+            earlier=lambda path: before if path == str(log) else None,
+            lines=ReadOnlyGuideLineFiles(),
         ),
     )
     async with app.run_test(size=(120, 40)) as pilot:
@@ -234,4 +235,4 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
         app.guide.clear_ends()
         app.keep_line_record(make_line_record(app.guide))
         app.services.lines.close_files()
-    assert KeptLineFiles().read_lines(str(log)).guide.is_set
+    assert StoredGuideLineFiles().read_lines(str(log)).guide.is_set

@@ -21,7 +21,7 @@ from topdress.console.app.undo_stack import (
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
 from topdress.console.worker.run_parts import FRAME_FIELDS
-from topdress.control.agronomy.reference_strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, TargetSource
 from topdress.control.safety import Allowances
@@ -212,7 +212,7 @@ async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(
 ):
     source.current_frame = replace(
         source.current_frame,
-        strips=Strips(0.75),
+        strips=ReferenceStrips(0.75),
         row=source.current_frame.row._replace(state="ready"),
     )
     rule = strip_desk.known.setup.rule
@@ -252,7 +252,7 @@ async def test_a_strip_as_poor_as_the_field_is_warned_of(full, source, strip_des
     silence."""
     source.current_frame = replace(
         source.current_frame,
-        strips=Strips(0.75),
+        strips=ReferenceStrips(0.75),
         row=source.current_frame.row._replace(state="ready"),
     )
     async with full.run_test(size=(60, 20)) as pilot:
@@ -275,8 +275,10 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 
 
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
-    source.current_frame = replace(source.current_frame, strips=Strips(), allow=Allowances())
+    source.current_frame = replace(
+        source.current_frame, strips=ReferenceStrips(), allow=Allowances()
+    )
     assert reverse_orders([Order(Do.STRIP, "nrich 0.7")], source.current_frame) == (
-        Order(Do.STRIP, StripValue("nrich", None).event_text),
+        Order(Do.STRIP, StripMean("nrich", None).event_text),
     )
     assert describe_undo((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"

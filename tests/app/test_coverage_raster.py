@@ -15,8 +15,8 @@ from topdress.console.app.coverage_raster import (
     CELL_KIND_COUNT,
     CELL_PLANE_COUNT,
     CELL_SIZES_M,
-    Box,
-    Spot,
+    GroundBox,
+    OutletSpot,
     WorkedGround,
     make_spot,
 )
@@ -45,10 +45,10 @@ from tests.app.made_up.run import run_frames
 
 def straight(
     length_m: float, step_m: float = 0.8, applied: float = 300.0, east_m: float = 0.5
-) -> list[Spot]:
+) -> list[OutletSpot]:
     """A way due north from 0."""
     return [
-        Spot(east_m, north, 0.0, applied, 320.0, 0.5)
+        OutletSpot(east_m, north, 0.0, applied, 320.0, 0.5)
         for north in np.arange(0.0, length_m, step_m).tolist()
     ]
 
@@ -67,7 +67,10 @@ def test_a_swath_is_as_wide_as_the_outlets_and_nothing_beside_it():
 def test_heading_east_the_swath_lies_north_and_south():
     worked = WorkedGround(width_m=3.0)
     worked.add_spots(
-        [Spot(east, 5.5, 90.0, 300.0, 320.0, 0.5) for east in np.arange(0.0, 10.0, 0.8).tolist()]
+        [
+            OutletSpot(east, 5.5, 90.0, 300.0, 320.0, 0.5)
+            for east in np.arange(0.0, 10.0, 0.8).tolist()
+        ]
     )
     seen = GroundPixels(worked, PixelGrid(10, 10, 1.0, 0.0, 10.0))
     assert np.flatnonzero(~np.isnan(seen.calc_means(MapLayer.APPLIED)[:, 4])).tolist() == [3, 4, 5]
@@ -77,9 +80,9 @@ def test_a_gap_between_frames_is_filled_but_a_jump_is_not():
     worked = WorkedGround(width_m=1.0)
     worked.add_spots(
         [
-            Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5),
-            Spot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
-            Spot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5),
+            OutletSpot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5),
+            OutletSpot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
+            OutletSpot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5),
         ]
     )
     seen = GroundPixels(worked, PixelGrid(1, 45, 1.0, 0.0, 45.0)).calc_means(MapLayer.APPLIED)[
@@ -90,9 +93,9 @@ def test_a_gap_between_frames_is_filled_but_a_jump_is_not():
 
 def test_standing_still_weighs_nothing():
     worked = WorkedGround()
-    worked.add_spots([Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5)])
+    worked.add_spots([OutletSpot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5)])
     version = worked.version
-    worked.add_spots([Spot(0.5, 0.6, 0.0, 0.0, 300.0, 0.5)] * 1000)
+    worked.add_spots([OutletSpot(0.5, 0.6, 0.0, 0.0, 300.0, 0.5)] * 1000)
     assert worked.version == version
     assert (
         GroundPixels(worked, PixelGrid(1, 1, 1.0, 0.0, 1.0)).calc_means(MapLayer.APPLIED)[0, 0]
@@ -102,7 +105,9 @@ def test_standing_still_weighs_nothing():
 
 def test_what_is_not_known_does_not_count_as_zero():
     worked = WorkedGround(width_m=1.0)
-    worked.add_spots([Spot(0.5, 0.0, 0.0, nan, 300.0, nan), Spot(0.5, 0.5, 0.0, 200.0, 300.0, nan)])
+    worked.add_spots(
+        [OutletSpot(0.5, 0.0, 0.0, nan, 300.0, nan), OutletSpot(0.5, 0.5, 0.0, 200.0, 300.0, nan)]
+    )
     seen = GroundPixels(worked, PixelGrid(1, 1, 1.0, 0.0, 1.0))
     assert (seen.calc_means(MapLayer.APPLIED)[0, 0], seen.calc_means(MapLayer.TARGET)[0, 0]) == (
         200.0,
@@ -125,7 +130,7 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
     worked = WorkedGround()
     rng = np.random.default_rng(5)
     spots = [
-        Spot(
+        OutletSpot(
             2.4 * (k // 80),
             float(k % 80),
             0.0 if k // 80 % 2 == 0 else 180.0,
@@ -170,7 +175,7 @@ def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
     """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m
     east."""
     worked = WorkedGround(width_m=0.3)
-    worked.add_spots([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
+    worked.add_spots([OutletSpot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
     cell_m = worked.choose_cell_m(MAX_CELL_PIXEL_SHARE * metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
     pixels = MapCamera(0.0, 6.0, metres).make_grid(20, 80)
@@ -186,8 +191,8 @@ def test_the_memory_is_bounded_however_far_is_driven():
     for k in range(400):
         worked.add_spots(
             [
-                Spot(40.0 * k, 0.0, 90.0, 300.0, 300.0, 0.5),
-                Spot(40.0 * k + 5.0, 0.0, 90.0, 300.0, 300.0, 0.5),
+                OutletSpot(40.0 * k, 0.0, 90.0, 300.0, 300.0, 0.5),
+                OutletSpot(40.0 * k + 5.0, 0.0, 90.0, 300.0, 300.0, 0.5),
             ]
         )
     assert worked.cells_m[0] > 1.0, "the finest cells were given up"
@@ -222,7 +227,7 @@ PICTURE = FieldPicture(
 
 def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     worked = WorkedGround(width_m=1.0)
-    worked.add_spots([Spot(2.5, north, 0.0, 300.0, 300.0, 0.5) for north in (1.5, 2.5, 3.5)])
+    worked.add_spots([OutletSpot(2.5, north, 0.0, 300.0, 300.0, 0.5) for north in (1.5, 2.5, 3.5)])
     scale = find_colour_scale(MapLayer.APPLIED, worked, PICTURE, METRIC)
     assert (scale.low, scale.high) == (100.0, 300.0)
     seen = make_image(worked, PICTURE, scale, PixelGrid(14, 14, 1.0, -2.0, 12.0))
@@ -255,13 +260,13 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
 
 def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():
     worked = WorkedGround(width_m=2.0)
-    worked.add_spots([Spot(3.0, float(north), 0.0, 300.0, 300.0, 0.5) for north in range(40)])
+    worked.add_spots([OutletSpot(3.0, float(north), 0.0, 300.0, 300.0, 0.5) for north in range(40)])
     assert len(find_next_passes(worked, PixelGrid(20, 60, 1.0, -5.0, 50.0))) == 2, (
         "nothing lies on either side"
     )
-    worked.add_spots([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
+    worked.add_spots([OutletSpot(500.0, 500.0, 0.0, nan, nan, nan)])
     worked.add_spots(
-        [Spot(1.0, float(north), 180.0, 300.0, 300.0, 0.5) for north in range(70, -1, -1)]
+        [OutletSpot(1.0, float(north), 180.0, 300.0, 300.0, 0.5) for north in range(70, -1, -1)]
     )
     pixels = PixelGrid(20, 60, 1.0, -5.0, 50.0)
     (line,) = find_next_passes(worked, pixels)
@@ -281,7 +286,10 @@ def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was
         "without gaps between the frames"
     )
     worked.add_spots(
-        [Spot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5)]
+        [
+            OutletSpot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5),
+            OutletSpot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5),
+        ]
     )
     assert find_next_passes(worked, pixels) == (), "a turn has none"
 
@@ -294,7 +302,7 @@ def test_no_hole_is_in_a_pass_whatever_its_heading(heading_deg):
     )
     worked.add_spots(
         [
-            Spot(way_m * east + 0.13, way_m * north + 0.29, heading_deg, 300.0, 300.0, nan)
+            OutletSpot(way_m * east + 0.13, way_m * north + 0.29, heading_deg, 300.0, 300.0, nan)
             for way_m in np.arange(0.0, 33.0, 0.83).tolist()
         ]
     )
@@ -306,7 +314,9 @@ def test_no_hole_is_in_a_pass_whatever_its_heading(heading_deg):
     assert np.isfinite(GroundPixels(worked, pixels).calc_means(MapLayer.APPLIED)[under]).all()
 
 
-def passes_of(*ways: list[Spot], width_m: float = 2.4, all_at_once: bool = True) -> WorkedGround:
+def passes_of(
+    *ways: list[OutletSpot], width_m: float = 2.4, all_at_once: bool = True
+) -> WorkedGround:
     """Driven one after the other; far apart, where a list holds it, is no way."""
     worked, spots = WorkedGround(width_m=width_m), [spot for way in ways for spot in way]
     for some in [spots] if all_at_once else [[spot] for spot in spots]:
@@ -314,7 +324,7 @@ def passes_of(*ways: list[Spot], width_m: float = 2.4, all_at_once: bool = True)
     return worked
 
 
-FAR = [Spot(500.0, 500.0, 0.0, nan, nan, nan)]
+FAR = [OutletSpot(500.0, 500.0, 0.0, nan, nan, nan)]
 
 
 @pytest.mark.parametrize("all_at_once", [True, False])
@@ -339,7 +349,7 @@ def test_ground_that_was_spread_on_twice_is_overlap_and_a_seam_is_none(apart_m, 
 
 def test_a_tight_turn_and_a_machine_that_is_held_are_no_overlap():
     turn = [
-        Spot(
+        OutletSpot(
             10.0 + 1.5 * np.sin(t),
             10.0 + 1.5 * np.cos(t),
             float(np.degrees(t) + 90.0),
@@ -361,7 +371,7 @@ def test_overlap_stays_where_the_finest_cells_are_given_up():
     one = straight(60.0, east_m=10.5)
     worked = passes_of(one, FAR, one)
     worked.most_tiles = 4
-    worked.add_spots([Spot(3000.0, 0.0, 0.0, nan, nan, nan)])
+    worked.add_spots([OutletSpot(3000.0, 0.0, 0.0, nan, nan, nan)])
     worked.add_spots(one)
     assert 0.5 < worked.cells_m[0] < worked.width_m
     times = GroundPixels(worked, PixelGrid(1, 1, 32.0, 0.0, 32.0)).calc_means(MapLayer.PASSES)
@@ -392,8 +402,8 @@ def test_a_cell_shows_its_quarters_in_the_two_colours_that_differ_most(quarters,
 def test_error_goes_from_too_little_to_too_much_against_50_at_least():
     worked = WorkedGround(width_m=1.0)
     for north, applied, target in ((0.5, 210.0, 300.0), (10.5, 390.0, 300.0), (20.5, 20.0, 10.0)):
-        worked.add_spots([Spot(0.5, north, 0.0, applied, target, 0.5)])
-        worked.add_spots([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
+        worked.add_spots([OutletSpot(0.5, north, 0.0, applied, target, 0.5)])
+        worked.add_spots([OutletSpot(500.0, 500.0, 0.0, nan, nan, nan)])
     seen = GroundPixels(worked, PixelGrid(1, 21, 1.0, 0.0, 21.0)).calc_means(MapLayer.ERROR)[
         ::-1, 0
     ]
@@ -402,7 +412,7 @@ def test_error_goes_from_too_little_to_too_much_against_50_at_least():
 
 def test_where_nothing_was_spread_only_the_passage_is_seen():
     worked = WorkedGround(width_m=1.0)
-    worked.add_spots([Spot(0.5, north, 0.0, 0.0, 0.0, 0.5) for north in (0.5, 1.5, 2.5)])
+    worked.add_spots([OutletSpot(0.5, north, 0.0, 0.0, 0.0, 0.5) for north in (0.5, 1.5, 2.5)])
     scale = find_colour_scale(MapLayer.APPLIED, worked, None, METRIC)
     assert (
         make_image(worked, None, scale, PixelGrid(1, 3, 1.0, 0.0, 3.0)).ravel().tolist()
@@ -413,7 +423,10 @@ def test_where_nothing_was_spread_only_the_passage_is_seen():
 def test_scales_are_round_in_the_shown_unit():
     worked = WorkedGround()
     worked.add_spots(
-        [Spot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41), Spot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63)]
+        [
+            OutletSpot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41),
+            OutletSpot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63),
+        ]
     )
     metric, imperial = (
         find_colour_scale(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL)
@@ -481,7 +494,7 @@ def test_zoom_goes_along_round_scales_and_stops_at_the_ends():
 
 
 def test_a_field_is_seen_whole():
-    pixels = fit_box(Box(0.0, 0.0, 400.0, 100.0), 100, 60).make_grid(100, 60)
+    pixels = fit_box(GroundBox(0.0, 0.0, 400.0, 100.0), 100, 60).make_grid(100, 60)
     for corner in ((0.0, 0.0), (400.0, 100.0)):
         column, row = pixels.find_pixel(*corner)
         assert 0 <= column < 100 and 0 <= row < 60

@@ -15,7 +15,7 @@ from topdress.console.app.guide_line_store import (
     make_line_record,
     read_kept_lines,
 )
-from topdress.console.services.line_files import KeptLineFiles, find_lines_path
+from topdress.console.services.line_files import StoredGuideLineFiles, find_lines_path
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta
@@ -52,7 +52,7 @@ def _app(frame, files):
 
 
 async def test_the_next_console_goes_on_with_both(frames, tmp_path):
-    log, files = tmp_path / "run.csv", KeptLineFiles()
+    log, files = tmp_path / "run.csv", StoredGuideLineFiles()
     frame = replace(frames[-1], log_path=str(log))
     first = _app(frame, files)
     async with first.run_test(size=SIZE) as pilot:
@@ -70,7 +70,7 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         way_m = first.map_page.drive.way_m
         assert way_m > 30.0
     files.close_files()
-    second = _app(frame, KeptLineFiles())
+    second = _app(frame, StoredGuideLineFiles())
     async with second.run_test(size=SIZE) as pilot:
         await settled(second, pilot)
         assert second.guide.is_set and second.guide.b == (0.0, 50.0)
@@ -84,11 +84,11 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         await pilot.press("delete")
         assert not second.guide.is_set
         second.services.lines.close_files()
-    assert not KeptLineFiles().read_lines(str(log)).guide.is_set
+    assert not StoredGuideLineFiles().read_lines(str(log)).guide.is_set
 
 
 def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
-    log, files = tmp_path / "run.csv", KeptLineFiles()
+    log, files = tmp_path / "run.csv", StoredGuideLineFiles()
     writer = PlainLogWriter(log, make_run_meta())
     for k in range(9):
         writer.append(
@@ -127,7 +127,7 @@ def _worked(folder, name, field, *records):
         started_utc=f"{name[:4]}-{name[4:6]}-{name[6:8]}T08:00:00Z",
     )
     log.with_suffix(".yaml").write_text(format_meta_yaml(meta), encoding="utf-8")
-    files = KeptLineFiles()
+    files = StoredGuideLineFiles()
     for record in records:
         files.append_record(str(log), record)
     files.close_files()
@@ -142,14 +142,14 @@ def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
     other = GuideLine((1.0, 1.0), (9.0, 90.0), 3.0)
     _worked(tmp_path, "20260319-080000", FIELD | {"origin_lat_deg": 35.0}, make_line_record(other))
     today = _worked(tmp_path, "20260320-080000", FIELD | {"title": "another name"})
-    kept = KeptLineFiles().read_lines(str(today))
+    kept = StoredGuideLineFiles().read_lines(str(today))
     assert kept.guide == LINE and kept.of_day.startswith("2026-03-18") and kept.drive is None
     elsewhere = _worked(
         tmp_path, "20260321-080000", FIELD | {"boundary_m": [[0, 0], [50, 0], [50, 50]]}
     )
-    assert KeptLineFiles().read_lines(str(elsewhere)).guide.a is None
+    assert StoredGuideLineFiles().read_lines(str(elsewhere)).guide.a is None
     nowhere = _worked(tmp_path, "20260322-080000", FIELD | {"boundary_m": []})
-    assert KeptLineFiles().read_lines(str(nowhere)).guide.a is None
+    assert StoredGuideLineFiles().read_lines(str(nowhere)).guide.a is None
 
 
 def test_a_line_that_was_taken_away_stays_away(tmp_path):
@@ -158,16 +158,17 @@ def test_a_line_that_was_taken_away_stays_away(tmp_path):
         tmp_path, "20260319-080000", FIELD, make_line_record(LINE), make_line_record(GuideLine())
     )
     assert (
-        KeptLineFiles().read_lines(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a is None
+        StoredGuideLineFiles().read_lines(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a
+        is None
     )
     away = _worked(tmp_path, "20260318-120000", FIELD, make_line_record(GuideLine()))
-    assert KeptLineFiles().read_lines(str(away)).guide.a is None
+    assert StoredGuideLineFiles().read_lines(str(away)).guide.a is None
 
 
 async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frames, tmp_path):
     _worked(tmp_path, "20260318-080000", FIELD, make_line_record(LINE))
     today = _worked(tmp_path, "20260320-080000", FIELD)
-    app = _app(replace(frames[-1], log_path=str(today)), KeptLineFiles())
+    app = _app(replace(frames[-1], log_path=str(today)), StoredGuideLineFiles())
     async with app.run_test(size=SIZE) as pilot:
         await settled(app, pilot)
         assert (
@@ -175,12 +176,12 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
             and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
         )
         app.services.lines.close_files()
-    kept = KeptLineFiles().read_lines(str(today))
+    kept = StoredGuideLineFiles().read_lines(str(today))
     assert kept.guide == LINE and kept.of_day == ""
 
 
 def test_without_such_a_file_there_is_nothing(tmp_path):
-    kept = KeptLineFiles().read_lines(str(tmp_path / "run.csv"))
+    kept = StoredGuideLineFiles().read_lines(str(tmp_path / "run.csv"))
     assert (
         kept.guide.a is None
         and kept.drive is None

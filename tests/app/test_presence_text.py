@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import JoinedMachine
+from topdress.console.app.attach_notice import JoinedMachineFacts
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.ordered_words import ORDER_NAMES
 from topdress.console.app.pages.page_registry import SCREEN_CLASSES
@@ -111,7 +111,7 @@ async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
         live=False,
         utc_offset_s=0.0,
         services=Services(job=SampleJobService()),
-        joined=JoinedMachine("2026-11-23T07:12:00+00:00", "/logs/run.csv"),
+        joined=JoinedMachineFacts("2026-11-23T07:12:00+00:00", "/logs/run.csv"),
     )
     async with app.run_test(size=(120, 40)) as pilot:
         await looked(app, pilot)

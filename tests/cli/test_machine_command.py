@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from topdress.control.calibration.first_machine import round_up, suggest_machine
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_nonempty_log
@@ -222,7 +222,7 @@ def test_a_drive_that_moves_on_after_its_row_has_a_time_constant(tau_s: float) -
         speed_rpm[k] = speed_rpm[k - 1] + (command[k - 1] - speed_rpm[k - 1]) * -np.expm1(
             -0.02 / tau_s
         )
-    events = np.full(len(time_s), COMMANDS_HELD, object)
+    events = np.full(len(time_s), COMMANDS_HELD_EVENT, object)
     found = suggest_machine(
         {
             "time_s": time_s,

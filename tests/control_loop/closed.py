@@ -16,7 +16,7 @@ from topdress.control.simulation.assembly import (
     make_plant,
 )
 from topdress.control.simulation.closed_loop import MeasurementHold, SimulatedTick, simulate_run
-from topdress.control.simulation.plant import Truth
+from topdress.control.simulation.plant import PlantTruth
 from topdress.drivers.files.setup import Setup, load_setup
 
 STEP_S = 0.05
@@ -52,7 +52,7 @@ class Closed:
         } | (known or {})
         self.loop = make_control_loop(**control, **loop or {})
         self.ticks: list[Tick] = []
-        self.truths: list[Truth] = []
+        self.truths: list[PlantTruth] = []
         self._measuring, self._command, self._enabled = (
             MeasurementHold(6),
             DriveCommand(0.0, 25.0),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.field.job import Job, Simulated
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.parameter_uncertainty import make_plausible_machine
@@ -26,7 +26,7 @@ class Run:
     """One simulated run and everything there is to say about it."""
 
     def __init__(
-        self, steps: list[SimulatedTick], record: RunRecord, width_m: float, rule: Rule
+        self, steps: list[SimulatedTick], record: RunRecord, width_m: float, rule: CropRule
     ) -> None:
         self.steps = steps
         self.record = record

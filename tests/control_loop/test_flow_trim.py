@@ -23,8 +23,8 @@ from topdress.control.simulation.error_metrics import find_crop_needs, find_land
 from topdress.control.simulation.tractor import make_field_path
 from topdress.control.targets.canopy import (
     HOLD_HORIZON_M,
+    MAX_DEFICIT_SHARE,
     MAX_FACTOR,
-    MAX_OWED_SHARE,
     MIN_FACTOR,
     MeanRateHold,
 )
@@ -239,7 +239,7 @@ def test_whatever_lands_it_stays_within_its_bounds(steps, mean):
         assert 0.0 <= rate <= MAX_FACTOR * rule + 1e-9
         assert rate >= MIN_FACTOR * rule - 1e-9 or rate == 0.0
         hold.record_landed(share * rate, way_m)
-        assert abs(hold.owed_kg_ha) <= MAX_OWED_SHARE * mean + 1e-9
+        assert abs(hold.owed_kg_ha) <= MAX_DEFICIT_SHARE * mean + 1e-9
 
 
 def test_a_bare_half_is_not_made_up_on_the_other():
@@ -252,7 +252,7 @@ def test_a_bare_half_is_not_made_up_on_the_other():
     for _ in range(300):
         assert hold.scale_decision(0.0, 1.0) == 0.0
         hold.record_landed(0.0, 1.0)
-    assert hold.owed_kg_ha == MAX_OWED_SHARE * 200.0
+    assert hold.owed_kg_ha == MAX_DEFICIT_SHARE * 200.0
     rates = []
     for _ in range(1000):
         rates.append(hold.scale_decision(300.0, 1.0))

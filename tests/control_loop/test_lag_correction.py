@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.control.machine.change_lag import Lag, SettledPair, calc_change_lag
+from topdress.control.machine.change_lag import LagParts, SettledPair, calc_change_lag
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.orders import TargetSource
 from topdress.control.targets.canopy import CanopyDecisions
@@ -53,10 +53,10 @@ class Constant:
         self.ahead_m = ahead_m
         self.max_reach_m = 20.0
 
-    def find_lag(self, before: Target, change: TargetChange) -> Lag:
-        return Lag(0.0, 0.0, 0.0)
+    def find_lag(self, before: Target, change: TargetChange) -> LagParts:
+        return LagParts(0.0, 0.0, 0.0)
 
-    def find_distance_m(self, lag: Lag) -> float:
+    def find_distance_m(self, lag: LagParts) -> float:
         return self.ahead_m
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from topdress.console.services.rerun import parse_events
 from topdress.control.agronomy.noa import prepare_rule
-from topdress.control.agronomy.reference_strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.job import Ground, Job, Simulated, Wanted
 from topdress.control.loop import ControlLoop
@@ -212,7 +212,7 @@ def run(crop, seconds, orders=()):
 
 
 def test_both_strips_count_without_a_new_start(field_crop):
-    told = [StripValue("nrich", 0.66, 0.004, 40), StripValue("check", 0.55, 0.005, 38)]
+    told = [StripMean("nrich", 0.66, 0.004, 40), StripMean("check", 0.55, 0.005, 38)]
     ticks = run(
         field_crop,
         40.0,
@@ -225,7 +225,7 @@ def test_both_strips_count_without_a_new_start(field_crop):
         "no strips, no decision"
     )
     assert {name for at_s, name in sources if at_s > 30.0} == {"canopy"}
-    assert ticks[-1].strips == Strips(0.66, 0.55)
+    assert ticks[-1].strips == ReferenceStrips(0.66, 0.55)
     rule = prepare_rule(field_crop, 100, 0.66, 0.55)
     rates = [tick.row.target_rate_kg_ha for tick in ticks if tick.row.time_s > 32.0]
     # 0 beyond the N-rich strip's

@@ -16,10 +16,16 @@ from topdress.control.machine.machine import Machine, Tolerance
 from topdress.control.machine.start import set_carried_share
 from topdress.control.metering.inverse import Conditions, calc_flow_kg_s
 from topdress.control.metering.setting import PairPlanner
-from topdress.control.metering.strategies import Pair, find_pair
+from topdress.control.metering.strategies import DrivePair, find_pair
 from topdress.control.orders import Strategy
-from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, drop_impossible
-from topdress.control.sensing import Forecaster, SpeedAhead
+from topdress.control.readings import (
+    AnnouncedSpeeds,
+    GnssFix,
+    Measurements,
+    Reading,
+    drop_impossible,
+)
+from topdress.control.sensing import SpeedForecast, SpeedForecaster
 from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
 from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers.files.setup import load_setup
@@ -32,14 +38,14 @@ SINGLY = set_carried_share(CARRIES, 0.0)
 
 def planned(
     strategy: Strategy, speeds: list[float], rate: float = 300.0, machine: Machine | None = None
-) -> list[Pair]:
+) -> list[DrivePair]:
     """Pairs tick by tick, at speeds that are expected to stay."""
     machine = machine or CARRIES
     setting, pairs = PairPlanner(machine, strategy), []
     for k, mps in enumerate(speeds):
         pairs.append(
             setting.plan_pair(
-                rate, SpeedAhead(mps, 0.0).predict_speed_mps, DT_S * k, DT_S, 20.0, Conditions()
+                rate, SpeedForecast(mps, 0.0).predict_speed_mps, DT_S * k, DT_S, 20.0, Conditions()
             )
         )
         setting.record_command(pairs[-1])
@@ -61,7 +67,7 @@ def test_the_page_of_control_by_hand_has_the_figures_of_the_code() -> None:
         (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8"),
     )
     lag_s = machine.gate.dead_time_s + 0.5 * DT_S + calc_drop_s(machine.fall, 70.0)
-    mps = SpeedAhead(1.25, 0.5).predict_speed_mps(lag_s)
+    mps = SpeedForecast(1.25, 0.5).predict_speed_mps(lag_s)
     openings = [planned(Strategy.OPENING_FIRST, [one])[0].opening_mm for one in (1.25, mps)]
     settled = (
         PairPlanner(machine, Strategy.SPEED_FIRST)
@@ -116,7 +122,7 @@ def test_an_abrupt_change_of_the_rate_is_the_gate_s_and_the_shaft_takes_over_slo
         setting.return_opening(DT_S)
         pairs.append(
             setting.plan_pair(
-                rate, SpeedAhead(1.25, 0.0).predict_speed_mps, DT_S * k, DT_S, 25.0, Conditions()
+                rate, SpeedForecast(1.25, 0.0).predict_speed_mps, DT_S * k, DT_S, 25.0, Conditions()
             )
         )
         setting.record_command(pairs[-1])
@@ -150,8 +156,8 @@ def test_no_plan_leaves_the_limits(
 
 
 def drive(
-    forecaster: Forecaster, speeds: list[float], told: list[SpeedPlan | None]
-) -> list[SpeedAhead]:
+    forecaster: SpeedForecaster, speeds: list[float], told: list[AnnouncedSpeeds | None]
+) -> list[SpeedForecast]:
     made, before = [], speeds[0]
     for k, (mps, one) in enumerate(zip(speeds, told, strict=True)):
         made.append(forecaster.forecast_speed(DT_S * k, mps, (mps - before) / DT_S, DT_S, one))
@@ -159,7 +165,7 @@ def drive(
     return made
 
 
-def ramps(times: int) -> tuple[list[float], list[SpeedPlan]]:
+def ramps(times: int) -> tuple[list[float], list[AnnouncedSpeeds]]:
     """From 1 to 2 m/s and back with 0.5 m/s2, again and again, each told two seconds ahead."""
     speeds, told, mps = [], [], 1.0
     for k in range(times * 160):
@@ -168,7 +174,7 @@ def ramps(times: int) -> tuple[list[float], list[SpeedPlan]]:
         mps += min(0.5 * DT_S, max(-0.5 * DT_S, aim - mps))
         speeds.append(mps)
         told.append(
-            SpeedPlan(
+            AnnouncedSpeeds(
                 DT_S * k, ((0.0, aim), (left_s, 3.0 - aim)) if left_s < 2.0 else ((0.0, aim),)
             )
         )
@@ -177,20 +183,20 @@ def ramps(times: int) -> tuple[list[float], list[SpeedPlan]]:
 
 def test_what_is_told_and_comes_true_is_believed() -> None:
     speeds, told = ramps(4)
-    forecaster = Forecaster()
+    forecaster = SpeedForecaster()
     made = drive(forecaster, speeds, list(told))
     assert forecaster.reference_weight > 0.9
     at = 3 * 160 + 70  # half a second before it speeds up
     assert made[at].predict_speed_mps(1.3) == pytest.approx(speeds[at + 26], abs=0.06)
     assert made[at].predict_way_m(1.3) == pytest.approx(sum(speeds[at : at + 26]) * DT_S, abs=0.06)
-    assert drive(Forecaster(), speeds, [None] * len(speeds))[at].predict_speed_mps(
+    assert drive(SpeedForecaster(), speeds, [None] * len(speeds))[at].predict_speed_mps(
         1.3
     ) == pytest.approx(1.0, abs=0.02)
 
 
 def test_what_is_told_and_does_not_come_true_is_not() -> None:
     _, told = ramps(4)
-    forecaster = Forecaster()
+    forecaster = SpeedForecaster()
     made = drive(forecaster, [1.0] * len(told), list(told))
     assert forecaster.reference_weight < 0.1
     assert made[-1].predict_speed_mps(1.3) == pytest.approx(1.0, abs=0.1)
@@ -202,7 +208,12 @@ def test_what_counts_as_steady_follows_the_noise_of_the_wheel_and_a_change_is_st
 ) -> None:
     """A band for 0.02 m/s leaves 0.15 m/s of a forecast at 0.06, ten times what the gate leaves
     out."""
-    rng, quick, forecaster, ahead = np.random.default_rng(1), SpeedFilter(1.25), Forecaster(), []
+    rng, quick, forecaster, ahead = (
+        np.random.default_rng(1),
+        SpeedFilter(1.25),
+        SpeedForecaster(),
+        [],
+    )
     for k in range(1400):
         mps = 1.25 + 0.5 * DT_S * max(0, k - 1360)
         quick = quick.extrapolate(DT_S).take_sample(
@@ -218,26 +229,26 @@ def test_what_counts_as_steady_follows_the_noise_of_the_wheel_and_a_change_is_st
 
 
 def test_what_was_told_long_ago_says_nothing() -> None:
-    old = SpeedPlan(0.0, ((0.0, 3.0),))
-    made = drive(Forecaster(), [1.0] * 100, [old] * 100)
+    old = AnnouncedSpeeds(0.0, ((0.0, 3.0),))
+    made = drive(SpeedForecaster(), [1.0] * 100, [old] * 100)
     assert made[10].announced_mps and not made[-1].announced_mps
 
 
 @pytest.mark.parametrize(
     "told",
     [
-        SpeedPlan(0.0, ()),
-        SpeedPlan(nan, ((0.0, 1.0),)),
-        SpeedPlan(0.0, ((0.0, inf),)),
-        SpeedPlan(0.0, ((0.0, nan),)),
-        SpeedPlan(0.0, ((1.0, 1.0),)),
-        SpeedPlan(0.0, ((0.0, 1.0), (0.0, 2.0))),
-        SpeedPlan(0.0, ((0.0, 1.0),), 0.0),
-        SpeedPlan(0.0, ((0.0, 1.0), (nan, 2.0))),
-        SpeedPlan(0.0, ((0.0, 1.0),), nan),
+        AnnouncedSpeeds(0.0, ()),
+        AnnouncedSpeeds(nan, ((0.0, 1.0),)),
+        AnnouncedSpeeds(0.0, ((0.0, inf),)),
+        AnnouncedSpeeds(0.0, ((0.0, nan),)),
+        AnnouncedSpeeds(0.0, ((1.0, 1.0),)),
+        AnnouncedSpeeds(0.0, ((0.0, 1.0), (0.0, 2.0))),
+        AnnouncedSpeeds(0.0, ((0.0, 1.0),), 0.0),
+        AnnouncedSpeeds(0.0, ((0.0, 1.0), (nan, 2.0))),
+        AnnouncedSpeeds(0.0, ((0.0, 1.0),), nan),
     ],
 )
-def test_told_speeds_that_cannot_be_are_never_heard(told: SpeedPlan) -> None:
+def test_told_speeds_that_cannot_be_are_never_heard(told: AnnouncedSpeeds) -> None:
     assert drop_impossible(Measurements(1.0, speed_told=told)).speed_told is None
 
 

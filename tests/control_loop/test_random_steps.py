@@ -28,7 +28,7 @@ from topdress.control.log_row import ALL_COLUMNS, COLUMNS
 from topdress.control.loop import ControlLoop
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import PLACE_SOURCES, Do, Order, State, Strategy, TargetSource
-from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan
+from topdress.control.readings import AnnouncedSpeeds, GnssFix, Measurements, Reading
 from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
 from topdress.drivers.files.log_text import RowText
 from topdress.drivers.files.setup import load_setup
@@ -264,7 +264,7 @@ class Machine:
         ]
         if self._odd(0.1):
             points[-1] = chance.choice(WILD), chance.choice(WILD)
-        self._said["speed_told"] = SpeedPlan(
+        self._said["speed_told"] = AnnouncedSpeeds(
             now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0),
             tuple(points),
             chance.choice(WILD) if self._odd(0.05) else 0.5,

@@ -21,10 +21,10 @@ from topdress.control.machine.sections import Section, Valve, make_section_strip
 from topdress.control.orders import Do, Order, State, Strategy, TargetSource
 from topdress.control.readings import DriveCommand
 from topdress.control.safety import limit_valves
-from topdress.control.sensing import Sensed
+from topdress.control.sensing import SensedMotion
 from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
 from topdress.control.simulation.closed_loop import SimulatedTick, simulate_run
-from topdress.control.simulation.plant import Plant, Truth
+from topdress.control.simulation.plant import Plant, PlantTruth
 from topdress.control.simulation.tractor import PathLeg
 from topdress.control.simulation.tractor import TractorPath as Way
 from topdress.control.targets.boundary_profile import BoundaryAhead
@@ -186,8 +186,8 @@ def test_without_a_place_no_section_works_on_a_known_field() -> None:
 # ------------------------------------------------------------------------------------------------
 
 
-def sensed(time_s: float, north_m: float, mps: float) -> Sensed:
-    return Sensed(
+def sensed(time_s: float, north_m: float, mps: float) -> SensedMotion:
+    return SensedMotion(
         time_s, mps, 0.0, "both", north_m, 5.0, north_m, 0.0, 0.0, True, 0.0, 0.1, False, False
     )
 
@@ -269,7 +269,9 @@ def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Stra
     assert 10_000.0 * area_ha == pytest.approx(field_m2, rel=0.06)
 
 
-def rates_by_section(truths: list[Truth], machine: Machine) -> list[tuple[np.ndarray, np.ndarray]]:
+def rates_by_section(
+    truths: list[PlantTruth], machine: Machine
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each section by stretch of 0.5 m: the share of it that lies in the field, what
     landed, kg/ha."""
     time_s, north, settled, drop = (

@@ -7,7 +7,7 @@ import pytest
 from topdress.control.machine.machine import Machine
 from topdress.control.metering.inverse import Conditions
 from topdress.control.metering.setting import COMMAND_BAND_MM, COMMAND_BAND_RPM, PairPlanner
-from topdress.control.metering.strategies import Pair
+from topdress.control.metering.strategies import DrivePair
 from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.orders import Strategy
 from topdress.control.readings import DriveCommand
@@ -41,7 +41,7 @@ def sent(
 ) -> DriveCommand:
     setting, trim = PairPlanner(machine, Strategy.OPENING_FIRST), DriveTrim(TrimLimits(), still=1.0)
     trim.shaft_share, trim.gate_mm = share, gate_mm
-    return setting.make_command(Pair(shaft_rpm, opening_mm, ""), C, trim, last)
+    return setting.make_command(DrivePair(shaft_rpm, opening_mm, ""), C, trim, last)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -12,7 +12,7 @@ from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.readings import DriveCommand, Measurements, Reading
 from topdress.control.safety import SafetyLimits
 from topdress.control.simulation import plant as plants
-from topdress.control.simulation.plant import Plant, Truth
+from topdress.control.simulation.plant import Plant, PlantTruth
 from topdress.drivers.files.setup import load_setup
 
 STANDS, WORKS, FASTER = DriveCommand(0.0, 25.0), DriveCommand(40.0, 25.0), DriveCommand(55.0, 31.0)
@@ -20,13 +20,13 @@ TODAY = dt.date(2026, 4, 1)
 COURSE = [STANDS] * 100 + [WORKS] * 200 + [FASTER] * 200 + [WORKS] * 200 + [STANDS] * 100
 
 
-def truths(name: str, effects: tuple[str, ...]) -> list[Truth]:
+def truths(name: str, effects: tuple[str, ...]) -> list[PlantTruth]:
     setup = load_setup(
         name,
         {"planter": "points_demo", "huanghai_sections": "sections_demo"}.get(name, "demo"),
         TODAY,
     )
-    kept: list[Truth] = []
+    kept: list[PlantTruth] = []
     plant = Plant(
         setup.machine,
         setup.job,

@@ -12,7 +12,7 @@ import pytest
 from topdress.control.geodesy import TangentPlane
 from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.safety import SafetyLimits
-from topdress.control.sensing import Sensed, Sensing
+from topdress.control.sensing import SensedMotion, Sensing
 
 PLANE = TangentPlane(48.0, 11.0)
 RTK, PLAIN = (4, 10.0, 0.01, 0.03), (1, 1.0, 0.6, 0.1)  # quality, Hz, m and m/s of noise
@@ -42,7 +42,7 @@ class Machine:
         gnss=lambda mps: mps,
         turn_deg_s: float = 0.0,
         heard: bool = True,
-    ) -> list[Sensed]:
+    ) -> list[SensedMotion]:
         found, (quality, hz, place_m, speed_mps) = [], self.receiver
         for _ in range(round(seconds / 0.05)):
             self.now_s += 0.05

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from topdress.console.services.rerun import rerun_loop
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
-from topdress.control.readings import SpeedPlan, describe_announcement, parse_announcement
+from topdress.control.readings import AnnouncedSpeeds, describe_announcement, parse_announcement
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.run_log import write_whole_log
@@ -24,8 +24,8 @@ FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))
 @pytest.mark.parametrize(
     "announced",
     [
-        SpeedPlan(10.0, ((0.0, 1.25),), 0.5),
-        SpeedPlan(9.93, ((0.0, 1.25), (0.7, 1.1), (2.2, 0.30000000000000004)), 1.0 / 3.0),
+        AnnouncedSpeeds(10.0, ((0.0, 1.25),), 0.5),
+        AnnouncedSpeeds(9.93, ((0.0, 1.25), (0.7, 1.1), (2.2, 0.30000000000000004)), 1.0 / 3.0),
     ],
 )
 def test_a_told_speed_comes_back_to_the_last_digit(announced):
@@ -37,7 +37,7 @@ def test_a_told_speed_comes_back_to_the_last_digit(announced):
 
 
 def test_points_that_say_nothing_new_are_left_out():
-    announced = SpeedPlan(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
+    announced = AnnouncedSpeeds(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
     assert describe_announcement(announced, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
 
 

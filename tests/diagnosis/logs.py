@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
-from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.control.machine.compiled import run_flow, run_gate, run_scale, run_shaft, run_speed
 from topdress.control.machine.elements import round_to_step
 from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
@@ -335,7 +335,7 @@ def settled(commands: Array, answers: Array, row_s: float = 1.1, said: bool = Tr
     """A command and the speed it came to in each row, a row later; a calibration says so in its
     events, or does not."""
     events = np.full(len(commands) + 1, "", object)
-    events[0] = COMMANDS_HELD if said else ""
+    events[0] = COMMANDS_HELD_EVENT if said else ""
     return {
         "time_s": row_s * np.arange(len(commands) + 1.0),
         "shaft_rpm_cmd": np.append(commands, commands[-1]),

@@ -13,7 +13,7 @@ from topdress.console.cli import app
 from topdress.control.diagnosis.runs.closed_loop import measure_loop_gain
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
-from topdress.control.machine.fault_injection import PlantedEffect
+from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.orders import Strategy
 from topdress.control.simulation.assembly import (
@@ -73,7 +73,7 @@ def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strateg
 
 @pytest.mark.exam
 def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup) -> None:
-    effects = (PlantedEffect("flow.fill_falloff", 12.0), PlantedEffect("shaft.voltage_sag", 3.0))
+    effects = (InjectedEffect("flow.fill_falloff", 12.0), InjectedEffect("shaft.voltage_sag", 3.0))
     known = setup.machine
     for effect in effects:
         known = add_effect(known, effect.id, effect.size)
@@ -107,7 +107,7 @@ def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> N
 
 @pytest.mark.exam
 def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: Setup) -> None:
-    shifted = (PlantedEffect("gate.offset", 1.5),)
+    shifted = (InjectedEffect("gate.offset", 1.5),)
     known = add_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
     gain = measure_loop_gain(

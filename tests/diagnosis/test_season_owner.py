@@ -7,8 +7,8 @@ import math
 
 import pytest
 from topdress.control.diagnosis.season.effect_timelines import (
-    MAX_WEAR_P,
-    MIN_REPAIR_SHARE,
+    MAX_WEAR_SLOPE_P_VALUE,
+    MIN_EFFECT_SHARE_REPAIRED,
     CoursePiece,
     SeasonCause,
     SeasonFit,
@@ -47,7 +47,7 @@ def course(*pieces: CoursePiece) -> SeasonCause:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: float) -> None:
     exact = 1e-6
-    left = (1.0 - MIN_REPAIR_SHARE) * 10.0
+    left = (1.0 - MIN_EFFECT_SHARE_REPAIRED) * 10.0
     assert _calc_repair_probability(
         sign * 10.0, exact, sign * (left - 0.1), exact
     ) == pytest.approx(1.0)
@@ -131,7 +131,7 @@ def test_what_was_repaired_is_not_there_any_more() -> None:
 
 
 def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
-    sure, unsure = 0.5 * MAX_WEAR_P, 2.0 * MAX_WEAR_P
+    sure, unsure = 0.5 * MAX_WEAR_SLOPE_P_VALUE, 2.0 * MAX_WEAR_SLOPE_P_VALUE
     assert is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure)))
     assert is_wearing(course(piece(0.0, 10.0, -1.0, -2.0, per_day_p=sure)))
     assert not is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=unsure)))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from topdress.console.cli import app
 from topdress.control.diagnosis.runs.several import JointDiagnosis, diagnose_runs, join_logs
-from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE_KIND
@@ -118,7 +118,7 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
     assert found["shaft_rpm"][:2].tolist() == [1.0, 2.0] and np.isnan(found["shaft_rpm"][2]), (
         "it comes to its speed"
     )
-    held = {**first, "events": np.array([COMMANDS_HELD, ""], object)}
+    held = {**first, "events": np.array([COMMANDS_HELD_EVENT, ""], object)}
     with pytest.raises(ValueError, match="b holds settled answers, a does not"):
         join_logs([first, held], ["a", "b"], Machine())
     with pytest.raises(ValueError, match="allowed two or more"):
@@ -152,7 +152,7 @@ def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to
     of the machine."""
     logs = [drive_log(seed, 1500.0, 0.0) for seed in (1, 2)]
     for log in logs:
-        log["events"] = np.array([COMMANDS_HELD] + [""] * (len(log["time_s"]) - 1), object)
+        log["events"] = np.array([COMMANDS_HELD_EVENT] + [""] * (len(log["time_s"]) - 1), object)
     found = diagnose_runs(logs, WHEEL)
     assert [cause.id for cause in found.together.causes] == [
         "shaft.gain"

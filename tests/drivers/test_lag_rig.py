@@ -18,9 +18,9 @@ from topdress.drivers.devices.lag_rig import LagRig, RigReadings
 from topdress.drivers.devices.lag_run import (
     DropProcedure,
     DropRun,
-    LagPlan,
     LagProcedure,
-    LagRun,
+    LagTestPlan,
+    MeasuredLagRun,
     make_bench_table,
     make_drop_table,
 )
@@ -137,7 +137,7 @@ def go(bench, clock, test: LagProcedure, seconds: float, allowed=lambda: True) -
 
 
 def test_the_procedure_finds_the_models_lags(bench, clock):
-    test = LagProcedure(LagPlan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
+    test = LagProcedure(LagTestPlan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
     assert go(bench, clock, test, 120.0) == []
     assert test.is_done and test.progress == 1.0 and not test.left_out and len(test.runs) == 9
     fall = bench[2].fall
@@ -152,7 +152,7 @@ def test_the_procedure_finds_the_models_lags(bench, clock):
 
 
 def test_a_released_button_stops_the_shaft_and_the_run_begins_again(bench, clock):
-    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1))
+    test = LagProcedure(LagTestPlan(shaft_rpm=(40.0,), repeats=1))
     cab, *_ = bench
     go(bench, clock, test, 4.0)
     assert not test.runs and test.run_tick(clock.now_s, cab.rig_readings, True).shaft_rpm == 40.0
@@ -189,7 +189,7 @@ def until_running(test: LagProcedure, now_s: float) -> tuple[float, int]:
     ],
 )
 def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, said):
-    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=2))
+    test = LagProcedure(LagTestPlan(shaft_rpm=(40.0,), repeats=1, tries=2))
     now_s = 0.0
     for _ in range(2):
         now_s, run = until_running(test, now_s)
@@ -211,7 +211,7 @@ def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, sai
 
 
 def test_nothing_lands_is_said_after_the_longest_wait():
-    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
+    test = LagProcedure(LagTestPlan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
     now_s, run = until_running(test, 0.0)
     assert test.run_tick(now_s + 2.9, rig_says(now_s + 2.9, run, ARMED), True).shaft_rpm == 40.0
     assert (
@@ -230,12 +230,12 @@ def test_a_silent_rig_starts_nothing():
 
 
 def test_the_plan_is_the_papers():
-    plan = LagPlan()
+    plan = LagTestPlan()
     assert plan.shaft_rpm == (10, 20, 30, 40, 50, 60, 70) and plan.repeats == 10
 
 
 def test_the_bench_table():
-    runs = [LagRun(20.0, 1, 0.3834, 1.5), LagRun(10.0, 1, 0.38, 1.7)]
+    runs = [MeasuredLagRun(20.0, 1, 0.3834, 1.5), MeasuredLagRun(10.0, 1, 0.38, 1.7)]
     assert (
         make_bench_table(runs)
         == "shaft_rpm,replicate,response_s,drop_s\n10,1,0.380,1.700\n20,1,0.383,1.500\n"

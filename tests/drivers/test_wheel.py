@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.control.readings import SpeedPlan
+from topdress.control.readings import AnnouncedSpeeds
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder, HeadFields
@@ -94,7 +94,7 @@ def test_a_wheel_that_never_turned_stands():
 # --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's
 # port to control ------
 
-PLAN = SpeedPlan(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
+PLAN = AnnouncedSpeeds(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
 
 
 def framed(body: bytes) -> bytes:

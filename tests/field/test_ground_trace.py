@@ -7,7 +7,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from topdress.control.field.coverage import Coverage
-from topdress.control.field.ground_trace import MAX_WAY_M, GroundTrace
+from topdress.control.field.ground_trace import MAX_UNLOCATED_PATH_M, GroundTrace
 
 WIDTH_M = 2.4
 STEP_M = 0.1
@@ -67,7 +67,7 @@ def test_a_way_that_nobody_can_follow_is_given_up(ends):
     trace = a_trace()
     north(trace, 0.0, 10.0, placed=True)
     north(trace, 10.1, 20.0, placed=False)
-    trace.pass_over(None, None, True, -STEP_M if ends == "backwards" else MAX_WAY_M)
+    trace.pass_over(None, None, True, -STEP_M if ends == "backwards" else MAX_UNLOCATED_PATH_M)
     north(trace, 20.1, 30.0, placed=False)
     assert trace.reckon_open_way() == [] and north(trace, 30.1, 31.0, placed=True) is None
     assert done_share(trace, 11.0, 29.0) == 0.0

@@ -15,7 +15,7 @@ import openpyxl
 import pytest
 import yaml
 from click.testing import Result
-from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.drivers.files.any_log import open_any_log, read_with_mapping
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.join import join_files
@@ -122,7 +122,7 @@ def test_a_row_that_holds_a_command_and_its_answer(imported: Callable[..., RunLo
         51.0,
     ]
     assert set(log.numbers("opening_mm")) == {20.0}
-    assert log.texts("events").tolist() == [COMMANDS_HELD, "", "", "", ""]
+    assert log.texts("events").tolist() == [COMMANDS_HELD_EVENT, "", "", "", ""]
     plain = imported(content, columns=columns)
     assert plain.numbers("shaft_rpm_cmd").tolist() == [20.0, 30.0, 40.0, 50.0] and len(plain) == 4
     assert not plain.has("events")

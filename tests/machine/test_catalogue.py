@@ -24,7 +24,7 @@ from topdress.control.machine import compiled, stage_runner
 from topdress.control.machine.effect import FULL_FLOW, SHAFT_RANGE
 from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
 from topdress.control.machine.fall import FallInput, calc_drop_s, make_fall_start, step_fall
-from topdress.control.machine.fault_injection import PlantedEffect, schedule_effects
+from topdress.control.machine.fault_injection import InjectedEffect, schedule_effects
 from topdress.control.machine.flow import FlowInput, FlowOutput, calc_grams_per_rev, make_flow_start
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
 from topdress.control.machine.heads import HeadInput, read_head
@@ -432,7 +432,7 @@ def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
     with pytest.raises(
         ValueError, match=r"size 400: allowed 0 to 390 r/min where limits.shaft_high_rpm is 650$"
     ):
-        schedule_effects(drive, [PlantedEffect("shaft.dead_band", 400.0)])
+        schedule_effects(drive, [InjectedEffect("shaft.dead_band", 400.0)])
     with pytest.raises(
         ValueError, match=r"size 150: allowed 0 to 60 r/min where limits.shaft_high_rpm is 100$"
     ):

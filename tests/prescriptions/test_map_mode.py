@@ -18,7 +18,7 @@ from topdress.console.worker.options import Options
 from topdress.control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import ControlLoop
-from topdress.control.loop.map_location_check import NEAR_MAP_M
+from topdress.control.loop.map_location_check import NEAR_MAP_DISTANCE_M
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.safety import read_refusal
@@ -427,7 +427,7 @@ def test_distances_to_cells_and_to_zones_are_the_same(place):
 
 def test_a_map_without_any_rate_is_nowhere():
     empty = GridMap(make_frame_deg(PLANE, 34.28, 119.88, 1e-4, 1e-4, 2, 2), np.full((2, 2), np.nan))
-    assert empty.calc_distance_m((0.0, 0.0)) == np.inf > NEAR_MAP_M
+    assert empty.calc_distance_m((0.0, 0.0)) == np.inf > NEAR_MAP_DISTANCE_M
     assert Prescription(empty, OUTSIDE).outside_kg_ha == 157.0
 
 

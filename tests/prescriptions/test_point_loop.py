@@ -19,7 +19,7 @@ from topdress.control.field.job import Camera, Job, Plants, Wanted
 from topdress.control.field.totals import NO_SUMS
 from topdress.control.geodesy import TangentPlane, find_unit_vector
 from topdress.control.orders import Do, Order, TargetSource
-from topdress.control.readings import DoseOrder, PlantSeen
+from topdress.control.readings import CameraPlant, DoseOrder
 from topdress.control.simulation.assembly import (
     add_simulated_field,
     make_control_loop,
@@ -30,7 +30,7 @@ from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.dose_watch import DoseErrors, DoseWatch
 from topdress.control.simulation.point_run import PointTruth, simulate_point_run
 from topdress.control.targets.plant_doser import CommandedDose, DueDose, PlantDoser
-from topdress.control.targets.plants import PlantList, PlantRow, SeenPlant
+from topdress.control.targets.plants import PlantList, PlantRow, TrackedPlant
 from topdress.control.targets.point import (
     DoseThreshold,
     PointMode,
@@ -297,7 +297,7 @@ def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup
     source: PlantDoser = make_point_source(bench.machine, job, None)
     for k in range(41):
         source.look_for_plants(k * TICK_S, k * TICK_S * 1.0, (0.0, 0.0), 0.0, 1.0, ())
-    source.look_for_plants(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [PlantSeen(0.525, 6.0)])
+    source.look_for_plants(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [CameraPlant(0.525, 6.0)])
     assert source.row.places_m == pytest.approx([6.525])
 
 
@@ -425,7 +425,7 @@ LAG = calc_point_lag(120.0, 99.8, 1.0)
 
 def row_of(*places: float) -> PlantRow:
     row = PlantRow()
-    row.add_plants([SeenPlant(0.0, place) for place in places], float("-inf"))
+    row.add_plants([TrackedPlant(0.0, place) for place in places], float("-inf"))
     return row
 
 
@@ -477,11 +477,11 @@ def test_nothing_is_dosed_at_standstill() -> None:
 
 def test_a_plant_seen_again_is_the_same_plant() -> None:
     row = row_of(5.0, 5.3)
-    row.add_plants([SeenPlant(1.0, 4.02), SeenPlant(1.0, 4.31)], 5.15)
+    row.add_plants([TrackedPlant(1.0, 4.02), TrackedPlant(1.0, 4.31)], 5.15)
     # the first is dosed already and stays
     assert row.places_m == pytest.approx([5.0, 5.303])
     assert row.find_next_m(5.0) == pytest.approx(5.303)
-    row.add_plants([SeenPlant(1.0, 3.0)], 5.15)
+    row.add_plants([TrackedPlant(1.0, 3.0)], 5.15)
     assert len(row.places_m) == 2  # far behind the last dose: too late to be new
     row.forget_behind(5.2)
     assert row.places_m == pytest.approx([5.303])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import TangentPlane, find_unit_vector, offset_place
-from topdress.control.machine.change_lag import Lag
+from topdress.control.machine.change_lag import LagParts
 from topdress.control.orders import TargetSource
 from topdress.control.targets.lag_correction import ChangeQueue, FiredChange
 from topdress.control.targets.map_profile import MapProfile
@@ -267,10 +267,10 @@ class Fixed:
     def __init__(self, lag_m: float) -> None:
         self.lag_m = lag_m
 
-    def find_lag(self, before: Target, change: TargetChange) -> Lag:
-        return Lag(0.0, 0.0, self.lag_m)
+    def find_lag(self, before: Target, change: TargetChange) -> LagParts:
+        return LagParts(0.0, 0.0, self.lag_m)
 
-    def find_distance_m(self, lag: Lag) -> float:
+    def find_distance_m(self, lag: LagParts) -> float:
         return self.lag_m
 
 

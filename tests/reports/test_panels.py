@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.console.reports.binned import (
-    Axis,
+    ResidualAxis,
     calc_binned_means,
     calc_binned_rates,
     calc_shown_share,
@@ -32,7 +32,7 @@ from topdress.console.reports.panels import (
     draw_residual_panel,
     draw_smooth_line,
 )
-from topdress.console.reports.run_pictures import MIN_MEANS_SHARE, _find_telling_rows
+from topdress.console.reports.run_pictures import MIN_EFFECT_SHARE_IN_MEANS, _find_telling_rows
 from topdress.console.reports.run_views import list_effect_instances, make_run_views
 from topdress.console.reports.table_pictures import draw_table_column
 from topdress.console.reports.table_views import make_table_views
@@ -42,7 +42,7 @@ from topdress.control.diagnosis.result import Cause, Unexplained
 from topdress.control.machine.machine import Machine
 
 X = np.linspace(0.0, 4.0, 400)
-AXIS = Axis("x", X)
+AXIS = ResidualAxis("x", X)
 
 
 def test_nominal_is_before_and_extended_is_after() -> None:
@@ -116,7 +116,7 @@ def x() -> np.ndarray:
 
 def test_means_follow_the_function_within_their_bands(x: np.ndarray) -> None:
     noise = np.random.default_rng(4).standard_normal(len(x))
-    means = calc_binned_means(Axis("x", x), np.sin(x) + noise)
+    means = calc_binned_means(ResidualAxis("x", x), np.sin(x) + noise)
     off = np.abs(means.mean - np.sin(means.at))
     assert np.mean(off < means.half + 0.02) > 0.85
     assert np.all(means.half < 0.1)
@@ -124,32 +124,37 @@ def test_means_follow_the_function_within_their_bands(x: np.ndarray) -> None:
 
 def test_bands_widen_with_memory(x: np.ndarray) -> None:
     plain, slow = (
-        calc_binned_means(Axis("x", x), np.cos(7.0 * x), memory) for memory in (0.0, 0.6)
+        calc_binned_means(ResidualAxis("x", x), np.cos(7.0 * x), memory) for memory in (0.0, 0.6)
     )
     assert slow.half == pytest.approx(2.0 * plain.half)
 
 
 def test_the_axis_that_holds_the_effect_is_taken(x: np.ndarray) -> None:
     other = np.random.default_rng(5).uniform(0.0, 1.0, len(x))
-    axes = (Axis("other", other), Axis("x", x))
+    axes = (ResidualAxis("other", other), ResidualAxis("x", x))
     assert find_telling_axis(axes, x**2 - 30.0).label == "x"
     assert calc_shown_share(axes[0], x**2 - 30.0) < 0.2
 
 
 def test_the_first_of_equals_is_taken(x: np.ndarray) -> None:
-    assert find_telling_axis((Axis("first", x), Axis("copy", 2.0 * x)), np.sqrt(x)).label == "first"
+    assert (
+        find_telling_axis(
+            (ResidualAxis("first", x), ResidualAxis("copy", 2.0 * x)), np.sqrt(x)
+        ).label
+        == "first"
+    )
 
 
 def test_turned_residuals_do_not_cancel(x: np.ndarray) -> None:
     sign = np.where(np.arange(len(x)) % 2 == 0, 1.0, -1.0)
-    means = calc_binned_means(Axis("x", x, sign), 3.0 * sign)
+    means = calc_binned_means(ResidualAxis("x", x, sign), 3.0 * sign)
     assert means.mean == pytest.approx(3.0)
-    assert calc_binned_means(Axis("x", x), 3.0 * sign).mean == pytest.approx(0.0, abs=0.3)
+    assert calc_binned_means(ResidualAxis("x", x), 3.0 * sign).mean == pytest.approx(0.0, abs=0.3)
 
 
 def test_named_values_keep_their_places() -> None:
     means = calc_binned_means(
-        Axis("way", np.array([0.0, 1.0] * 10), names=("closing", "opening")),
+        ResidualAxis("way", np.array([0.0, 1.0] * 10), names=("closing", "opening")),
         np.array([1.0, -1.0] * 10),
     )
     assert means.at.tolist() == [0.0, 1.0]
@@ -169,7 +174,7 @@ def test_rates_are_read_off_the_level(memory: float) -> None:
         level = np.concatenate(([0.0], np.cumsum(rates[place.astype(int)])[:-1])) + 0.15 * noise
         segments = np.repeat([0, 1], len(place) // 2)
         found = calc_binned_rates(
-            Axis("place", place), level + 90.0 * segments, 1.0, segments, memory
+            ResidualAxis("place", place), level + 90.0 * segments, 1.0, segments, memory
         )
         off.append((found.mean - rates) / found.half)
     assert found.half.max() < 0.002
@@ -326,7 +331,7 @@ def test_axis_is_chosen_by_what_the_effect_does(
         part = list_effect_instances([cause_of(effect_id)])[0]
         effect = views[name].calc_part_effect((part,), part)
         assert views[name].find_effect_axis(part, effect).label == wanted
-    assert 0.0 < MIN_MEANS_SHARE < 1.0
+    assert 0.0 < MIN_EFFECT_SHARE_IN_MEANS < 1.0
 
 
 def test_time_is_the_axis_where_it_matters(
@@ -347,7 +352,7 @@ def test_time_is_the_axis_where_it_matters(
 
 def test_flow_is_in_grams_a_second(run_columns: dict[str, Any], machine: Machine) -> None:
     flow = next(view for view in make_run_views(run_columns, machine) if view.name == "flow")
-    means = flow.calc_axis_means(Axis("", np.zeros(len(flow.measured))), flow.measured, 0.0)
+    means = flow.calc_axis_means(ResidualAxis("", np.zeros(len(flow.measured))), flow.measured, 0.0)
     used = run_columns["hopper_kg"][:50].mean() - run_columns["hopper_kg"][-50:].mean()
     assert means.mean[0] == pytest.approx(
         1000.0 * used / (run_columns["time_s"][-1] - 5.0), rel=0.06

@@ -12,7 +12,7 @@ import pytest
 from topdress.console.app.coverage_raster import CELL_SIZES_M, MAX_TILES
 from topdress.console.app.history import MAX_TREND_POINTS, LiveHistory
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_ground import MAX_TRACK_PLACES, DoneGround
+from topdress.console.worker.resume_ground import MAX_TRACK_PLACES, WorkedGroundRecord
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.control.diagnosis.live.watch import (
     DIAGNOSIS_INTERVAL_S,
@@ -88,7 +88,7 @@ def test_the_console_remembers_no_more_of_twelve_hours():
 
 @pytest.mark.exam
 def test_the_worker_s_ground_grows_with_the_ground_alone():
-    done, own = DoneGround(Machine()), Coverage(WIDTH_M)
+    done, own = WorkedGroundRecord(Machine()), Coverage(WIDTH_M)
     for time_s in np.arange(0.0, DAY_S, 3.0):
         at, heading = place(time_s)
         done.add_outlet_place(time_s, at, heading, 60.0, 300.0)

@@ -22,14 +22,14 @@ from topdress.console.worker.resume_assemble import find_job_to_continue
 from topdress.console.worker.resume_ground import (
     EMPTY_RASTER,
     MAX_TRACK_PLACES,
-    DoneGround,
+    WorkedGroundRecord,
     join_rasters,
     pack_raster,
     unpack_raster,
 )
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
-from topdress.control.agronomy.reference_strips import Strips
+from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.field.coverage import Coverage, Raster
 from topdress.control.field.job import make_rule
 from topdress.control.field.totals import Totaliser, TotalSums
@@ -600,7 +600,7 @@ def test_the_job_goes_on_with_its_strips(tmp_path):
     before = resume.read_snapshot(path)
     assert (before.ndvi_nrich, before.ndvi_check) == (0.66, 0.55)
     job = find_job_to_continue(setup.job, setup.machine, before)
-    assert make_rule(setup.crop, job).strip_ndvi == Strips(0.66, 0.55)
+    assert make_rule(setup.crop, job).strip_ndvi == ReferenceStrips(0.66, 0.55)
 
 
 def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_path):
@@ -623,7 +623,7 @@ NORTH_M = np.arange(0.0, 60.0, 0.1)
 
 
 def drive(
-    done: DoneGround,
+    done: WorkedGroundRecord,
     north_m: tuple[float, float],
     east_m: float = 0.0,
     rpm: float = 60.0,
@@ -646,7 +646,7 @@ def done_at(ground: Raster, places: list[tuple[float, float]]) -> np.ndarray:
 @pytest.fixture
 def one_pass():
     """From 0 to 50 m north, 10 to 40 of it with flow."""
-    done = DoneGround(MACHINE)
+    done = WorkedGroundRecord(MACHINE)
     at_s = drive(done, (0.0, 10.0), rpm=0.0)
     at_s = drive(done, (10.0, 40.0), at_s=at_s)
     drive(done, (40.0, 50.0), rpm=0.0, at_s=at_s)
@@ -672,7 +672,7 @@ def test_kept_and_read_back_it_is_the_same_and_two_parts_are_one(one_pass):
     first = one_pass.make_raster()
     again = unpack_raster(pack_raster(first))
     assert again[:3] == first[:3] and (again.done == first.done).all()
-    later = DoneGround(MACHINE, again, tuple(one_pass.track))
+    later = WorkedGroundRecord(MACHINE, again, tuple(one_pass.track))
     drive(later, (100.0, 130.0), east_m=-70.0)
     both = later.make_raster()
     assert done_at(both, [(0.0, 25.0), (-70.0, 115.0), (-35.0, 60.0)]).tolist() == [
@@ -693,7 +693,7 @@ def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
 
 
 def test_a_long_day_is_thinned_not_forgotten():
-    done = DoneGround(MACHINE)
+    done = WorkedGroundRecord(MACHINE)
     for k in range(int(MAX_TRACK_PLACES * 1.5)):
         done.add_outlet_place(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
     norths = [spot[1] for spot in done.track]

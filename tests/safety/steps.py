@@ -8,15 +8,15 @@ from dataclasses import replace
 from typing import Any
 
 from topdress.control.orders import Answer, Do, Order, State, TargetSource
-from topdress.control.readings import GnssFix, Measurements, Reading, ValvesSeen
-from topdress.control.safety import Safety, SafetyLimits, Situation, Verdict
+from topdress.control.readings import GnssFix, Measurements, Reading, ValvePositions
+from topdress.control.safety import Safety, SafetyLimits, SafetySituation, SafetyVerdict
 
 Step = Callable[[Any], None]
 NEVER = object()  # in place of an age: never received
 
 
-def good_situation(now_s: float, **changes: Any) -> Situation:
-    """All is well at 1.25 m/s due east. `changes`: fields of Situation, or of the machine by
+def good_situation(now_s: float, **changes: Any) -> SafetySituation:
+    """All is well at 1.25 m/s due east. `changes`: fields of SafetySituation, or of the machine by
     the names below.
 
     speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, supply_v, work_switch, fix_quality,
@@ -31,7 +31,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     heard, ndvi = changes.pop("heads_heard", 6), changes.pop("ndvi", 0.5)
     rpm, opening_mm = changes.pop("shaft_rpm", 70.0), changes.pop("opening_mm", 15.0)
     valves, supply_v = changes.pop("valves", None), changes.pop("supply_v", 13.5)
-    seen = None if valves is None else ValvesSeen(now_s, valves)
+    seen = None if valves is None else ValvePositions(now_s, valves)
     faults = {
         name: changes.pop(name, False)
         for name in ("drive_fault", "drive_stopped", "old_orders", "control_failed")
@@ -53,7 +53,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
             now_s - ages["gnss"], 40.0, 116.0, quality, speed_mps=gnss_mps, heading_deg=course
         )
     )
-    s = Situation(
+    s = SafetySituation(
         measurements=Measurements(
             now_s,
             ndvi=(Reading(ndvi, now_s),) * heard + (None,) * (6 - heard),
@@ -98,7 +98,7 @@ class Run:
         self.ticks = 0
         self.origin_s = 100.0
         self.hopper_kg = 200.0
-        self.verdict: Verdict | None = None
+        self.verdict: SafetyVerdict | None = None
 
     @property
     def now_s(self) -> float:
@@ -107,7 +107,7 @@ class Run:
     def order(self, do: Do, value: Any = None) -> Answer:
         return self.safety.handle_order(Order(do, value), self.now_s)
 
-    def tick(self, seconds: float = 0.0, **changes: Any) -> Verdict:
+    def tick(self, seconds: float = 0.0, **changes: Any) -> SafetyVerdict:
         """One tick, or ticks for so many seconds; the hopper empties unless told otherwise."""
         for _ in range(max(1, round(seconds / self.period_s))):
             self.ticks += 1

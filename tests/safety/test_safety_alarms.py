@@ -16,7 +16,7 @@ from topdress.control.readings import (
     ScaleFinding,
     SpeedDoubt,
 )
-from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
+from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, PreviousCommands
 
 from tests.safety.steps import NEVER, order, play, tick
 
@@ -24,8 +24,8 @@ MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
 # alarm, what brings it about, seconds before which it is not there, seconds by which it is,
 # state then
-STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
-TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
+STANDS = PreviousCommands(turn=False, flow=False, opening_mm=15.0)
+TURNS = PreviousCommands(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
 DOUBT = SpeedDoubt(RefusedSpeed.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
 OPEN = DOUBT._replace(refused=RefusedSpeed.EITHER)
 ABOVE_RANGE = RangeBreach(True, 480.0, 413.0, 4.8)

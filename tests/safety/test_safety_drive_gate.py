@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from topdress.control.orders import Do, State
 from topdress.control.readings import DoseOrder, DriveCommand
-from topdress.control.safety import Commanded, DriveLimits, limit_command, limit_dose
+from topdress.control.safety import DriveLimits, PreviousCommands, limit_command, limit_dose
 
 LIMITS = DriveLimits(
     shaft_min_rpm=10.0, shaft_max_rpm=90.0, opening_min_mm=5.0, opening_max_mm=50.0
@@ -79,7 +79,7 @@ def test_a_dose_inside_the_limits_is_not_touched():
 # --- Drives that do not stand though told to: seen in every state, and nothing that obeys is
 # taken for it ------------
 
-STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
+STANDS = PreviousCommands(turn=False, flow=False, opening_mm=15.0)
 BY_STATE = {
     State.OFF: (),
     State.READY: (Do.READY,),
@@ -133,7 +133,7 @@ def test_said_in_every_state_and_leaves_none_in_which_the_drives_have_power(
 
 def turning_at_100(new_run):
     run, standing = brought_to(new_run, State.READY)
-    run.tick(1.0, **(standing | {"commanded": Commanded(), "shaft_rpm": 100.0}))
+    run.tick(1.0, **(standing | {"commanded": PreviousCommands(), "shaft_rpm": 100.0}))
     return run, standing
 
 
@@ -165,7 +165,7 @@ def test_one_that_is_stopped_within_its_dead_time_turns_up_and_down_again(new_ru
     """A quarter of a second later than the machine model has it: no reading is below the first
     one until it stands."""
     run, standing = turning_at_100(new_run)
-    run.tick(1.0, **(standing | {"commanded": Commanded(), "shaft_rpm": 0.0}))
+    run.tick(1.0, **(standing | {"commanded": PreviousCommands(), "shaft_rpm": 0.0}))
     for k in range(60):
         after_s = k * run.period_s
 

@@ -18,16 +18,16 @@ from topdress.control.readings import (
 )
 from topdress.control.safety import (
     ALARMS,
-    Commanded,
     DriveLimits,
+    PreviousCommands,
     SafetyLimits,
     alarm_conditions,
     limit_command,
     select_machine_limits,
 )
 
-STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
-TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
+STANDS = PreviousCommands(turn=False, flow=False, opening_mm=15.0)
+TURNS = PreviousCommands(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
 
 
 def flow(seconds=0.05, **changes):

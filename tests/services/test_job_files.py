@@ -22,7 +22,7 @@ from topdress.console.services.removable_media import find_maps, is_map_likely, 
 from topdress.console.services.running_limits import read_earlier_run, read_running_limits
 from topdress.console.worker import resume
 from topdress.console.worker.resume import Snapshot
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Job
@@ -92,7 +92,7 @@ def test_facts_of_what_is_shipped(desk):
 
 def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
     before = find_shipped_files("jobs")["demo"].read_bytes()
-    path = Path(desk.save_strip_value(StripValue("nrich", 0.71, 0.004, 38)))
+    path = Path(desk.save_strip_value(StripMean("nrich", 0.71, 0.004, 38)))
     assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert (
@@ -104,7 +104,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
         facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71
         and facts.job_file == str(path)
     )
-    both = load_config(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB_KIND).model
+    both = load_config(Path(desk.save_strip_value(StripMean("check", 0.55))), JOB_KIND).model
     assert (both.ndvi_nrich, both.ndvi_check) == (
         0.71,
         0.55,
@@ -114,7 +114,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.choose_file("job", str(find_shipped_files("jobs")["map_demo"]))
     asyncio.run(desk.restart_worker())
-    new = load_config(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB_KIND).model
+    new = load_config(Path(desk.save_strip_value(StripMean("nrich", 0.7))), JOB_KIND).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
@@ -407,7 +407,7 @@ def test_names_go_into_a_new_job_and_come_back(desk, launcher):
 
 
 def test_a_job_s_card(desk, launcher, tmp_path):
-    desk.save_strip_value(StripValue("nrich", 0.71))
+    desk.save_strip_value(StripMean("nrich", 0.71))
     launcher.log_folder.mkdir(exist_ok=True)
     resume.write_snapshot(
         resume.make_snapshot_path(launcher.log_folder / "a.csv"),
@@ -443,8 +443,8 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
             for path in sorted((jobs / "history").glob("*.yaml"))
         ]
 
-    desk.save_strip_value(StripValue("nrich", 0.71))
-    desk.save_strip_value(StripValue("nrich", 0.72))
+    desk.save_strip_value(StripMean("nrich", 0.71))
+    desk.save_strip_value(StripMean("nrich", 0.72))
     desk.save_job_names(JobNames(client="Li Ming"))
     assert (
         load_config(jobs / "demo.yaml", JOB_KIND).model.client

@@ -13,7 +13,7 @@ from topdress.console.app.layers import MapLayer, find_colour_scale
 from topdress.console.app.map_image import GroundPixels
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
-from topdress.console.services.layers import MapLayers, find_frame_plane
+from topdress.console.services.layers import StoredOverlayFiles, find_frame_plane
 from topdress.console.services.replay_frames import make_frames
 from topdress.control.geodesy import TangentPlane, offset_place
 from topdress.control.log_row import LogRow
@@ -53,8 +53,8 @@ def exported(run: RunLog, name: str) -> Path:
 )
 def test_our_own_files_lie_where_it_was_done(run, frame, name):
     path = run.path if name == "run.csv" else exported(run, name)
-    laid = MapLayers().make_overlay(str(path), frame)
-    own = MapLayers().make_overlay(str(run.path), frame).worked
+    laid = StoredOverlayFiles().make_overlay(str(path), frame)
+    own = StoredOverlayFiles().make_overlay(str(run.path), frame).worked
     assert laid.name == name and laid.harvest is None
     assert laid.has >= {MapLayer.APPLIED, MapLayer.TARGET, MapLayer.ERROR}
     assert laid.worked.box.east_m == pytest.approx(own.box.east_m, abs=1.0)
@@ -84,7 +84,7 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
             )
     path = tmp_path / "yield.csv"
     path.write_text("\n".join(lines) + "\n")
-    laid = MapLayers().make_overlay(str(path), frame)
+    laid = StoredOverlayFiles().make_overlay(str(path), frame)
     assert laid.harvest == ("crop flow m", "kg/s")
     assert laid.worked.width_m == 6.0
     scale = laid.find_scale(find_colour_scale(MapLayer.APPLIED, laid.worked, None, METRIC))
@@ -135,7 +135,7 @@ def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(ValueError, match=said) as trouble:
-        MapLayers().make_overlay(str(path), frame)
+        StoredOverlayFiles().make_overlay(str(path), frame)
     assert "\n" not in str(trouble.value) and str(tmp_path) not in str(trouble.value)
     assert sorted(one.name for one in tmp_path.iterdir()) == [name], "nothing is written"
 
@@ -143,7 +143,7 @@ def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
 def test_files_are_listed_without_the_log_that_is_written(run, tmp_path):
     from topdress.console.services.diagnosis import DiagnosisFiles
 
-    layers = MapLayers(DiagnosisFiles([run.path.parent], own=tmp_path))
+    layers = StoredOverlayFiles(DiagnosisFiles([run.path.parent], own=tmp_path))
     exported(run, "applied.geojson"), exported(run, "applied.zip")
     (run.path.parent / "holiday.zip").write_bytes(b"PK")
     names = [one.name for one in layers.list_layer_files(str(run.path))]

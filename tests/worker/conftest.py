@@ -16,7 +16,7 @@ import pytest
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerAddress, start_worker
 from topdress.console.worker.loop_host import Host
-from topdress.console.worker.run_parts import Assembly, RunNames
+from topdress.console.worker.run_parts import RunAssembly, RunNames
 
 FAKE = Path(__file__).with_name("fake_worker.py")
 
@@ -51,7 +51,7 @@ def rig(fake: ModuleType) -> Callable[..., SimpleNamespace]:
             made.now_s += seconds
             made.on_sleep()
 
-        parts = Assembly(
+        parts = RunAssembly(
             made.bench,
             made.loop,
             made.writer,

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from topdress.console.worker.options import Options
 from topdress.console.worker.program import Clock, run_worker_program
-from topdress.console.worker.run_parts import Assembly, RunNames
-from topdress.control.agronomy.reference_strips import Strips
+from topdress.console.worker.run_parts import RunAssembly, RunNames
+from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.field.totals import Totaliser, Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Do, Order, SectionState, Severity
@@ -62,7 +62,7 @@ class FakeTick:
     no_double: bool = False
     threshold_m: float | None = -0.12
     sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
-    strips: Strips = field(default_factory=lambda: Strips(0.66, None))
+    strips: ReferenceStrips = field(default_factory=lambda: ReferenceStrips(0.66, None))
     sources: tuple[str, ...] = ("canopy", "manual")
     source_rates: tuple[float | None, ...] = (310.0, 90.0)
     effort: EffortFinding = NO_EFFORT_FINDING
@@ -223,11 +223,11 @@ class LineWriter(FakeWriter):
                 self._file.flush()
 
 
-def assemble(options: Options, clock: Clock) -> Assembly:
+def assemble(options: Options, clock: Clock) -> RunAssembly:
     if "refuse" in options.config:
         raise ValueError("cab.yaml: key gnss.port: value 7: allowed: a port name")
     writer = LineWriter(options.log) if options.log else FakeWriter()
-    return Assembly(
+    return RunAssembly(
         FakeBench(),
         FakeLoop(),
         writer,

@@ -11,7 +11,7 @@ import pytest
 from topdress.console.link import ComingLink
 from topdress.console.running import WorkerAddress, WorkerFailed
 from topdress.console.worker.client import Client, RefusalQuota
-from topdress.console.worker.limits import MAX_LINE_BYTES, MAX_REFUSALS, REFUSAL_RECOVERY_S
+from topdress.console.worker.limits import MAX_CLIENT_REFUSALS, MAX_LINE_BYTES, REFUSAL_RECOVERY_S
 from topdress.control.orders import Do, Order
 
 
@@ -68,9 +68,9 @@ def test_lines_before_the_end_of_a_connection_are_taken(pair):
 
 def test_so_many_refusals_at_once_then_one_a_while():
     patience = RefusalQuota(0.0)
-    assert [patience.spend_refusal(0.0) for _ in range(MAX_REFUSALS + 2)] == [
+    assert [patience.spend_refusal(0.0) for _ in range(MAX_CLIENT_REFUSALS + 2)] == [
         True
-    ] * MAX_REFUSALS + [
+    ] * MAX_CLIENT_REFUSALS + [
         False,
         False,
     ]
@@ -78,9 +78,9 @@ def test_so_many_refusals_at_once_then_one_a_while():
         1.0 * REFUSAL_RECOVERY_S
     )
     assert not patience.spend_refusal(1.5 * REFUSAL_RECOVERY_S)
-    assert [patience.spend_refusal(1000.0) for _ in range(MAX_REFUSALS + 1)] == [
+    assert [patience.spend_refusal(1000.0) for _ in range(MAX_CLIENT_REFUSALS + 1)] == [
         True
-    ] * MAX_REFUSALS + [False]
+    ] * MAX_CLIENT_REFUSALS + [False]
 
 
 # --- The console's end of a worker that is still coming up

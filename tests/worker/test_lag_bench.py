@@ -10,7 +10,7 @@ import pytest
 from topdress.console.cli.lag_rig import LagOperator
 from topdress.console.worker.loop_host import Host
 from topdress.console.worker.requests import ClientQuestion
-from topdress.console.worker.run_parts import Assembly, RunNames
+from topdress.console.worker.run_parts import RunAssembly, RunNames
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated
@@ -22,7 +22,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
-from topdress.drivers.devices.lag_run import LagPlan
+from topdress.drivers.devices.lag_run import LagTestPlan
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import make_memory_pair
@@ -70,7 +70,7 @@ class Rig:
         loop = make_control_loop(setup.machine, setup.crop, setup.rule, job)
         self.writer = fake.FakeWriter()
         self.host = Host(
-            Assembly(cab, loop, self.writer, RunNames(log_path=str(log_path))),
+            RunAssembly(cab, loop, self.writer, RunNames(log_path=str(log_path))),
             lambda: self.now_s,
             lambda _: None,
             hz=50.0,
@@ -109,7 +109,7 @@ def bench(tmp_path, fake):
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
     assert bench.ask(ClientQuestion.LAG_TEST).accepted
     bench.host.lag.begin_lag_test(
-        tmp_path / "run.lag.1.csv", LagPlan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
+        tmp_path / "run.lag.1.csv", LagTestPlan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
     )
     view = bench.run(5.0).lag_test
     assert (view.phase, view.runs) == ("settling", ()) and not any(
@@ -135,7 +135,7 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
 
 
 def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(bench, tmp_path):
-    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagTestPlan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
@@ -149,7 +149,9 @@ def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(ben
 
 @pytest.mark.exam
 def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_path):
-    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=125.0))
+    bench.host.lag.begin_lag_test(
+        tmp_path / "t.csv", LagTestPlan((40.0,), repeats=1, settle_s=125.0)
+    )
     bench.held = True
     frame = bench.run(121.0)
     assert (frame.row.state, frame.why_state, frame.lag_test.runs) == (
@@ -160,7 +162,7 @@ def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_pa
 
 
 def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench, tmp_path):
-    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagTestPlan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
@@ -207,7 +209,7 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
     attended = LagOperator(
         hand,
         tmp_path / "table.csv",
-        LagPlan((40.0,), repeats=repeats, settle_s=2.5),
+        LagTestPlan((40.0,), repeats=repeats, settle_s=2.5),
         opening_mm=20.0,
         no_key=no_key,
         with_gnss=True,

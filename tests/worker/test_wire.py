@@ -7,11 +7,18 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, parse_frame
+from topdress.console.frame import (
+    DeviceTest,
+    DeviceView,
+    Frame,
+    JobCounts,
+    LagTestView,
+    parse_frame,
+)
 from topdress.console.worker import run_file, wire_format
 from topdress.console.worker.limits import MOVING_FRAME_PERIOD_S, STANDING_FRAME_PERIOD_S
 from topdress.console.worker.link_server import FrameSchedule
-from topdress.control.agronomy.reference_strips import Strips
+from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Severity
@@ -66,7 +73,7 @@ def test_a_frame_comes_back_as_it_was():
         allow=Allowances(outside=True),
         no_double=False,
         threshold_m=0.04,
-        strips=Strips(0.66, None),
+        strips=ReferenceStrips(0.66, None),
         ordered_source="map",
         manual_rate_kg_ha=90.0,
         sources=("canopy", "map"),
@@ -109,7 +116,7 @@ def test_what_a_newer_worker_adds_anywhere_is_passed_over():
         alarms=(Alarm("rate_off", Severity.AMBER, 1.0), Alarm("x", Severity.RED, 2.0)),
         devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1),),
         totals=None,
-        strips=Strips(0.6),
+        strips=ReferenceStrips(0.6),
     )
     newer = json.loads(wire_format.format_frame(frame))
     for place in (newer, newer["row"], newer["alarms"][1], newer["devices"][0], newer["strips"]):
@@ -165,7 +172,7 @@ def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, later_s):
 # a word changes -------
 
 TICK_S = 0.05
-STANDS = Frame(seq=0, at_s=0.0, row=LogRow(0.0, state="off", hopper_kg=300.0), tally=Tally())
+STANDS = Frame(seq=0, at_s=0.0, row=LogRow(0.0, state="off", hopper_kg=300.0), tally=JobCounts())
 LISTENS = DeviceView("gnss", "p", "nmea", True, 0.0, 10.0, 1, 0, test=DeviceTest(True))
 
 
@@ -213,7 +220,7 @@ def test_a_device_that_is_listened_to_is_told_as_often():
         {"log_path": "other.csv"},
         {"devices": (LISTENS,)},
         {"dropped_heads": (3,)},
-        {"tally": Tally(moves=1)},
+        {"tally": JobCounts(moves=1)},
     ],
 )
 def test_what_changes_is_told_at_once(changed):
@@ -250,7 +257,9 @@ def test_after_a_console_came_it_is_told_as_while_the_machine_moves_for_two_seco
 def test_time_held_is_no_word_that_changes():
     telling = FrameSchedule()
     telling.is_frame_due(STANDS)
-    assert not telling.is_frame_due(replace(STANDS, seq=1, at_s=TICK_S, tally=Tally(held_s=0.05)))
+    assert not telling.is_frame_due(
+        replace(STANDS, seq=1, at_s=TICK_S, tally=JobCounts(held_s=0.05))
+    )
 
 
 def test_who_comes_waits_for_no_frame_and_a_clock_that_goes_back_silences_nobody():

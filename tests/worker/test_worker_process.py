@@ -24,9 +24,9 @@ from topdress.console.locale import use_language
 from topdress.console.running import WorkerAddress, WorkerFailed, find_running_worker, start_worker
 from topdress.console.worker.limits import (
     MAX_AUTHORISED_CLIENTS,
+    MAX_CLIENT_REFUSALS,
     MAX_LINE_BYTES,
     MAX_NEW_CLIENTS,
-    MAX_REFUSALS,
     MAX_VIEWING_CLIENTS,
 )
 from topdress.control.orders import Answer, Do, Order
@@ -348,7 +348,7 @@ async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
         assert sorted(took)[4] < 0.4
         assert link.current_frame.row.speed_mps < 1.5  # the fake shows the console's age there
         stats = await link.request_stats(10.0)
-        assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * MAX_REFUSALS * 10
+        assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * MAX_CLIENT_REFUSALS * 10
         assert (await attach(where)).current_frame is not None  # and a second console gets in
     finally:
         for one in crowd:
@@ -362,8 +362,8 @@ async def test_a_client_that_only_looks_is_put_aside_when_it_goes_on_asking(runn
     client = look(where)
     assert answers(client, 1)[0]["accepted"]
     client.sendall(b'{"id": 2, "token": null, "do": "start"}\n' * 100)
-    said = answers(client, MAX_REFUSALS)
-    assert [one["why"] for one in said] == ["unauthorised"] * (MAX_REFUSALS - 1) + [
+    said = answers(client, MAX_CLIENT_REFUSALS)
+    assert [one["why"] for one in said] == ["unauthorised"] * (MAX_CLIENT_REFUSALS - 1) + [
         "refused too often"
     ]
     client.settimeout(10)

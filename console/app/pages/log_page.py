@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from topdress.console.app import frame_words
 from topdress.console.app.camera import MapCamera, unite_boxes
-from topdress.console.app.coverage_raster import Box, WorkedGround
+from topdress.console.app.coverage_raster import GroundBox, WorkedGround
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.history import TREND_SPAN_S, LogHistory, TrendPoint, sample_points
 from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
@@ -161,11 +161,11 @@ class LogPage(Page):
             laid=OverlayView(laid.worked, by) if laid is not None and by is not None else None,
         )
 
-    def find_whole_box(self, frame: Frame | None) -> Box | None:
+    def find_whole_box(self, frame: Frame | None) -> GroundBox | None:
         """Return the box round field, worked ground and machine."""
         worked, picture = self.find_ground(frame)
         place = (
-            Box(*frame.place_m, *frame.place_m)
+            GroundBox(*frame.place_m, *frame.place_m)
             if frame is not None and frame.place_m is not None
             else None
         )

@@ -13,7 +13,7 @@ from textual.message import Message
 from topdress.console.app.widgets.base_panel import Panel, TextPart, make_line
 
 
-class Chip(NamedTuple):
+class ActionChip(NamedTuple):
     """Holds one key with its word.
 
     Attributes
@@ -36,7 +36,9 @@ class Chip(NamedTuple):
     held: bool = False
 
 
-def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
+def place_chips(
+    chips: tuple[ActionChip, ...], width: int
+) -> tuple[tuple[ActionChip, int, int, int], ...]:
     """Return each chip with row, first cell and width; a chip that does not fit begins the next
     row."""
     found, row, start = [], 0, 0
@@ -50,7 +52,7 @@ def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, i
     return tuple(found)
 
 
-def format_chip(chip: Chip) -> str:
+def format_chip(chip: ActionChip) -> str:
     """Return the text of a chip: ` Y make ready `, `>Y make ready ` for the next action, `(Y make
     ready)` for an impossible action."""
     # The state has a sign besides its colour, for terminals with few colours and for colour-blind
@@ -63,14 +65,14 @@ def format_chip(chip: Chip) -> str:
 LARGE_CHIP_ROWS = 3
 
 
-def _choose_chip_style(chip: Chip) -> str:
+def _choose_chip_style(chip: ActionChip) -> str:
     """Return the style of a chip."""
     if not chip.on:
         return "$stale on $keybar"
     return "bold $background on $primary" if chip.lead else "$on-keybar on $keybar"
 
 
-class Chips(Panel[tuple[Chip, ...]]):
+class Chips(Panel[tuple[ActionChip, ...]]):
     """Shows chips; a click performs the action."""
 
     class Held(Message):
@@ -85,7 +87,7 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     def __init__(
         self,
-        view: tuple[Chip, ...],
+        view: tuple[ActionChip, ...],
         *,
         id: str | None = None,
         classes: str | None = None,
@@ -99,7 +101,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         """Return whether chips are drawn large."""
         return self.large and height >= LARGE_CHIP_ROWS
 
-    def draw_rows(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: tuple[ActionChip, ...], width: int, height: int) -> list[Content]:
         if self._is_tall(height):
             return self._draw_large(view, width)
         rows: list[list[TextPart]] = [[] for _row in range(height)]
@@ -110,7 +112,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         return [make_line(*row) for row in rows]
 
     @staticmethod
-    def _draw_large(view: tuple[Chip, ...], width: int) -> list[Content]:
+    def _draw_large(view: tuple[ActionChip, ...], width: int) -> list[Content]:
         """Return the three rows of large chips."""
         blank: list[TextPart] = []
         words: list[TextPart] = []
@@ -120,7 +122,7 @@ class Chips(Panel[tuple[Chip, ...]]):
                 words += [(format_chip(chip), _choose_chip_style(chip)), " "]
         return [make_line(*blank), make_line(*words), make_line(*blank)]
 
-    def find_chip(self, x: int, y: int) -> Chip | None:
+    def find_chip(self, x: int, y: int) -> ActionChip | None:
         """Return the chip at a cell, or None."""
         # All three rows of a large chip are clickable.
         y = 0 if self._is_tall(self.content_size.height) else y

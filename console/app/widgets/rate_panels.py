@@ -10,7 +10,7 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
-from topdress.console.app.panel_views import ERROR_BAR_SHARE, RatesView, TileView
+from topdress.console.app.panel_views import ERROR_BAR_END_SHARE, RatesView, TileView
 from topdress.console.app.widgets.base_panel import (
     Panel,
     TextPart,
@@ -257,7 +257,7 @@ class RatesPanel(Panel[RatesView]):
         )
         label = f" {_('error')} "
         value = f"{_ERROR_LEVEL_MARKS[view.level]}{view.error.text:>6} "
-        low, high = f"-{ERROR_BAR_SHARE:.0%} ", f" +{ERROR_BAR_SHARE:.0%}"
+        low, high = f"-{ERROR_BAR_END_SHARE:.0%} ", f" +{ERROR_BAR_END_SHARE:.0%}"
         room = width - sum(cell_len(part) for part in (label, " ", value, low, high))
         # Both sides have the same length, so that zero is in the centre.
         arm = max(2, (room - 1) // 2)

@@ -89,7 +89,7 @@ class HeadsPanel(Panel[HeadsView]):
 GRAPH_CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
 # Smallest range of a graph as a share of its largest value: noise is drawn as a flat line, not as a
 # mountain.
-MIN_RANGE_SHARE = 0.05
+MIN_GRAPH_RANGE_SHARE = 0.05
 
 # Points (share of the time, share of the height); None interrupts the line.
 GraphPoints = tuple[tuple[float, float | None], ...]
@@ -110,7 +110,7 @@ def make_graph(
     if not known:
         return ()
     low, high = min(known), max(known)
-    least = MIN_RANGE_SHARE * max(abs(low), abs(high)) or 1.0
+    least = MIN_GRAPH_RANGE_SHARE * max(abs(low), abs(high)) or 1.0
     if high - low < least:
         low, high = 0.5 * (low + high) - 0.5 * least, 0.5 * (low + high) + 0.5 * least
     return tuple(

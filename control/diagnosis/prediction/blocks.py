@@ -27,18 +27,18 @@ Rows = npt.NDArray[np.int64]
 # Number of blocks of a log: each is longer than the correlation time of the noise.
 BLOCK_COUNT = 8
 # Relative change of a number for its slope.
-SLOPE_STEP_SHARE = 0.02
+SLOPE_STEP_OF_NUMBER = 0.02
 # Ridge as a share of a number's information: it fixes a direction in which two numbers are
 # interchangeable.
-RIDGE_SHARE = 1e-9
+RIDGE_OF_INFORMATION = 1e-9
 # Tolerance in standard errors: matrix products differ by this between processors.
 ROUNDING_TOLERANCE = 1e-9
-KNEE_KEY = "ends"
+SATURATION_ENDS_KEY = "ends"
 # Coefficients of a term that the term is linear in.
 LINEAR_COEFFICIENTS = ("slope", "bend", "below", "above", "sine", "cosine", "level")
 
 
-class FileNumber(NamedTuple):
+class MachineFileNumber(NamedTuple):
     """One number of a machine file. turned : returns the file with another value of the number."""
 
     name: str
@@ -61,7 +61,7 @@ class BlockErrors(NamedTuple):
     sd: tuple[float, ...] = ()
 
 
-def list_added_numbers(machine: Machine, was: Machine) -> list[FileNumber]:
+def list_added_numbers(machine: Machine, was: Machine) -> list[MachineFileNumber]:
     """Return the numbers that a file has in addition to another: sizes of effects, coefficients of
     terms."""
     before, known = list_effect_sizes(was), set(was.terms)
@@ -75,7 +75,7 @@ def list_added_numbers(machine: Machine, was: Machine) -> list[FileNumber]:
     ]
 
 
-def make_effect_number(name: str, machine: Machine, size: float) -> FileNumber:
+def make_effect_number(name: str, machine: Machine, size: float) -> MachineFileNumber:
     entry = CATALOGUE[name]
     stage = getattr(machine, entry.stage)
     member = int(getattr(stage, entry.effect.member_field)) if entry.effect.member_field else None
@@ -83,26 +83,26 @@ def make_effect_number(name: str, machine: Machine, size: float) -> FileNumber:
         name,
         machine.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral})}),
     )
-    return FileNumber(
+    return MachineFileNumber(
         name,
         size - entry.neutral,
-        SLOPE_STEP_SHARE * abs(size - entry.neutral),
+        SLOPE_STEP_OF_NUMBER * abs(size - entry.neutral),
         low,
         high,
         lambda of, value: add_effect(of, name, min(high, max(low, value)), member),
     )
 
 
-def list_term_numbers(term: Term) -> list[FileNumber]:
+def list_term_numbers(term: Term) -> list[MachineFileNumber]:
     """Return the numbers of a term: its linear coefficients, or the values of a table."""
     spread = max(map(abs, term.values), default=0.0)
     knee = (
         [
             _make_number(
                 term,
-                KNEE_KEY,
+                SATURATION_ENDS_KEY,
                 term.coefficients["high_end"],
-                SLOPE_STEP_SHARE * term.coefficients["high_end"],
+                SLOPE_STEP_OF_NUMBER * term.coefficients["high_end"],
             )
         ]
         if is_knee_term(term)
@@ -111,12 +111,12 @@ def list_term_numbers(term: Term) -> list[FileNumber]:
     return (
         knee
         + [
-            _make_number(term, name, value, SLOPE_STEP_SHARE * abs(value))
+            _make_number(term, name, value, SLOPE_STEP_OF_NUMBER * abs(value))
             for name, value in term.coefficients.items()
             if name in LINEAR_COEFFICIENTS and value != 0.0
         ]
         + [
-            _make_number(term, k, value, SLOPE_STEP_SHARE * spread)
+            _make_number(term, k, value, SLOPE_STEP_OF_NUMBER * spread)
             for k, value in enumerate(term.values)
             if spread > 0.0
         ]
@@ -131,7 +131,7 @@ def is_knee_term(term: Term) -> bool:
     )
 
 
-def _make_number(term: Term, which: str | int, value: float, step: float) -> FileNumber:
+def _make_number(term: Term, which: str | int, value: float, step: float) -> MachineFileNumber:
     def turned(machine: Machine, to: float) -> Machine:
         terms = tuple(
             _change_coefficient(one, which, to) if one.id == term.id else one
@@ -139,13 +139,18 @@ def _make_number(term: Term, which: str | int, value: float, step: float) -> Fil
         )
         return machine.model_copy(update={"terms": terms})
 
-    return FileNumber(
-        f"{term.id}.{which}", value, step, 1e-6 if which == KNEE_KEY else -np.inf, np.inf, turned
+    return MachineFileNumber(
+        f"{term.id}.{which}",
+        value,
+        step,
+        1e-6 if which == SATURATION_ENDS_KEY else -np.inf,
+        np.inf,
+        turned,
     )
 
 
 def _change_coefficient(term: Term, which: str | int, to: float) -> Term:
-    if which == KNEE_KEY:
+    if which == SATURATION_ENDS_KEY:
         return term.model_copy(
             update={"coefficients": {**term.coefficients, "low_end": -to, "high_end": to}}
         )
@@ -166,7 +171,7 @@ def calc_number_slopes(
     on_log: LogPredictor,
     machine: Machine,
     channels: Sequence[str],
-    numbers: Sequence[FileNumber],
+    numbers: Sequence[MachineFileNumber],
     left: dict[str, Array],
 ) -> dict[str, Array]:
     """Return the change of the prediction for one unit of each number, by channel: (m, numbers)."""
@@ -190,7 +195,7 @@ def calc_block_errors(
     on_log: LogPredictor,
     machine: Machine,
     channels: Sequence[str],
-    numbers: Sequence[FileNumber],
+    numbers: Sequence[MachineFileNumber],
     usual: dict[str, float] | None = None,
     over: str = "",
 ) -> BlockErrors:
@@ -235,7 +240,7 @@ def calc_block_errors(
         )
         for b in range(len(cuts[channels[0]]))
     ]
-    ridge = RIDGE_SHARE * np.eye(len(numbers))
+    ridge = RIDGE_OF_INFORMATION * np.eye(len(numbers))
     normal, right = sum(n for n, _ in each), sum(r for _, r in each)
     whole = np.linalg.solve(normal + ridge, right)
     blocks: dict[str, list[float]] = {name: [] for name in channels}

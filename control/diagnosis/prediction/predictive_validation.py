@@ -56,9 +56,9 @@ from .rival import PlainRival as PlainRival
 Array = npt.NDArray[np.float64]
 
 # Minimum ratio of mean square errors: a smaller difference does not matter in the field.
-MIN_ERROR_RATIO = 1.1
+MIN_SQUARE_ERROR_RATIO = 1.1
 # Minimum difference in units of the sensor's noise by the machine file.
-MIN_NOISE_RATIO = 1.0
+MIN_DIFFERENCE_IN_NOISE_SDS = 1.0
 # Minimum difference in standard errors: 95 % of Student's t for eight blocks.
 MIN_STANDARD_ERRORS = 1.9
 # Maximum probability of a named cause where a model without the cause predicts clearly better.
@@ -369,7 +369,7 @@ def _compare_with_rival(
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
     if (
         min(said.rms[channel], file.rms[channel]) ** 2
-        <= (1.0 + MIN_NOISE_RATIO) * on_log.calc_noise(channel) ** 2
+        <= (1.0 + MIN_DIFFERENCE_IN_NOISE_SDS) * on_log.calc_noise(channel) ** 2
     ):
         # No rival can lead by as much as the noise.
         return found, errors, []
@@ -401,7 +401,7 @@ def _compare_with_rival(
         calc_gain_by_block(rival.held, said, usual),
         calc_gain_by_block(rival.held, file, usual),
     )
-    noise = MIN_NOISE_RATIO * on_log.calc_noise(channel) ** 2 / usual[channel]
+    noise = MIN_DIFFERENCE_IN_NOISE_SDS * on_log.calc_noise(channel) ** 2 / usual[channel]
     ahead = _is_clear_gain(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
     stands = any(one.id in {cause.id for cause in taken.causes} for one in own) or any(
         _find_channel_of(one.stage) == channel for one in taken.terms
@@ -454,7 +454,7 @@ _COMMAND_VARIABLES = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 def _is_clear_gain(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
     return is_surely_positive(gain, MIN_STANDARD_ERRORS) and one.rms[
         channel
-    ] ** 2 > MIN_ERROR_RATIO * float(other.blocks[channel].mean())
+    ] ** 2 > MIN_SQUARE_ERROR_RATIO * float(other.blocks[channel].mean())
 
 
 def _calc_errors_of_report(

@@ -51,7 +51,7 @@ from topdress.control.machine.terms import (
 )
 
 from .blocks import (
-    KNEE_KEY,
+    SATURATION_ENDS_KEY,
     BlockErrors,
     calc_block_errors,
     calc_errors_by_channel,
@@ -69,7 +69,7 @@ CURVE_SETS = (
     (SHAFT_GAIN.id,),
     (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
     (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id),
-    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE_KEY),
+    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SATURATION_ENDS_KEY),
 )
 OFF_ZERO_SETS = (
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id),
@@ -84,9 +84,9 @@ DYNAMIC_EFFECTS = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
 START_ZONES = (0.05, 0.2)
 # Start values of other numbers, as a share of the usual size: inside the bounds, where every slope
 # exists.
-START_SHARE = 0.2
+START_OF_USUAL_SIZE = 0.2
 # Difference for a slope, as a share of the usual size.
-SLOPE_STEP_SHARE = 0.01
+SLOPE_STEP_OF_USUAL_SIZE = 0.01
 # Maximum number of steps of a fit, and of a continued fit.
 MAX_FIT_STEPS, MAX_REFIT_STEPS = 25, 6
 # Relative tolerance of the error and of the numbers at which a fit has converged.
@@ -94,15 +94,15 @@ FIT_TOLERANCE = 1e-4
 # Number of classes by which a log's speeds are counted.
 SPEED_CLASS_COUNT = 6
 # Maximum number of lines of a rival.
-MAX_LINES = 3
+MAX_RIVAL_LINES = 3
 # Maximum number of steps of the forward selection.
-MAX_STEPS = MAX_LINES + 1
+MAX_SELECTION_STEPS = MAX_RIVAL_LINES + 1
 # Percentiles of a variable between which its line is valid: single cells lie beyond.
 LINE_PERCENTILES = (0.5, 99.5)
 # Minimum share of the residual that a line explains.
-MIN_LINE_SHARE = 1e-3
+MIN_RESIDUAL_SHARE_OF_LINE = 1e-3
 # Level of a line at its middle for its slope, which is linear in the level.
-LEVEL_STEP = 1.0
+SLOPE_STEP_OF_LEVEL = 1.0
 # Maximum length of a term's id, letters; the rest is for a number where the name is already
 # adopted.
 MAX_ID_LETTERS = 76
@@ -141,10 +141,10 @@ def find_rival(on_log: LogPredictor, channel: str) -> PlainRival | None:
     machine, best = on_log.machine, nothing
     lines: list[Term] = []
     curved = channel != "shaft"
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_SELECTION_STEPS):
         tried = None if curved else _choose_drive_curve(on_log, machine, best, usual)
         curved = curved or tried is not None
-        if tried is None and len(lines) < MAX_LINES:
+        if tried is None and len(lines) < MAX_RIVAL_LINES:
             line = _find_best_line(on_log, channel, machine, lines)
             if (
                 line is not None
@@ -236,7 +236,7 @@ def fit_machine_file(
     }
     low, high = np.array([(number.low, number.high) for number in numbers]).T
     start = np.array([number.value for number in numbers])
-    scale = np.array([max(number.step, 1e-12) / SLOPE_STEP_SHARE for number in numbers])
+    scale = np.array([max(number.step, 1e-12) / SLOPE_STEP_OF_USUAL_SIZE for number in numbers])
 
     def at(values: Array) -> Machine:
         turned = machine
@@ -287,7 +287,7 @@ def find_curves(on_log: LogPredictor) -> list[Hypothesis]:
     """
     if on_log.data.shaft is None:
         return []
-    sets = [names for names in _list_parameter_sets(on_log) if KNEE_KEY not in names]
+    sets = [names for names in _list_parameter_sets(on_log) if SATURATION_ENDS_KEY not in names]
     was, found = list_effect_sizes(on_log.machine), []
     if any(SHAFT_DEAD_ZONE.id in names for names in sets):
         for names, (_, file) in _fit_parameter_sets(on_log, on_log.machine, sets).items():
@@ -362,7 +362,7 @@ def _make_starting_machine(
     """Return a file with start values. share : start value of a dead zone as a share of the
     range."""
     for name in names:
-        if name == KNEE_KEY:
+        if name == SATURATION_ENDS_KEY:
             assert drive is not None
             half = 0.5 * float(np.max(np.abs(drive.command)))
             knee = Term.model_validate(
@@ -381,7 +381,7 @@ def _make_starting_machine(
         size = (
             share * machine.limits.shaft_high_rpm
             if zone
-            else START_SHARE * EFFECT_ROWS[name].scale_to_machine(machine).usual
+            else START_OF_USUAL_SIZE * EFFECT_ROWS[name].scale_to_machine(machine).usual
         )
         machine = add_effect(machine, name, min(high, max(low, size)))
     return machine
@@ -420,7 +420,7 @@ def _find_best_line(
     )[channel]
     free = np.linalg.qr(known)[0] if known.shape[1] else np.empty((len(left[channel]), 0))
     rest = left[channel] - free @ (free.T @ left[channel])
-    best, most = None, MIN_LINE_SHARE * float(np.sum(rest**2))
+    best, most = None, MIN_RESIDUAL_SHARE_OF_LINE * float(np.sum(rest**2))
     numbers = [number.name for number in list_added_numbers(machine, on_log.machine)]
     for term in _list_lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
         tried = machine.model_copy(update={"terms": (*machine.terms, term)})
@@ -470,7 +470,7 @@ def _list_lines(
             1e-9, scale_nominal(machine, NOMINAL_RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
         ):
             continue
-        level = {"level": LEVEL_STEP} if level_open else {}
+        level = {"level": SLOPE_STEP_OF_LEVEL} if level_open else {}
         found += [
             _make_line_term(
                 machine,

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.field.job import Job
-from topdress.control.machine.fault_injection import PlantedEffect
+from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.machine import Machine
 from topdress.control.simulation.assembly import (
     add_simulated_field,
@@ -34,9 +34,9 @@ class LoopGain(NamedTuple):
 def measure_loop_gain(
     nominal: Machine,
     extended: Machine,
-    planted: Sequence[PlantedEffect],
+    planted: Sequence[InjectedEffect],
     crop: Crop,
-    rule: Rule,
+    rule: CropRule,
     job: Job,
     *,
     seconds: float = 600.0,

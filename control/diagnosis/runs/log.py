@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.log_row import COLUMNS, COMMANDS_HELD, EFFORT_COLUMNS
+from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, EFFORT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.finding import Finding
 from topdress.control.recordings.mended import mend_recording
@@ -312,7 +312,7 @@ def clean_run_log(
         }
     )
     time = read["time_s"] - read["time_s"][0]
-    held = any(COMMANDS_HELD in str(text).split(";") for text in set(read["events"].tolist()))
+    held = any(COMMANDS_HELD_EVENT in str(text).split(";") for text in set(read["events"].tolist()))
     least = MIN_SETTLED_ROWS if held else MIN_ROWS
     step = _calc_row_step(time, least, odd)
     found = {

@@ -20,7 +20,7 @@ from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.judgement.checks import FALSE_ALARM_PROB
 from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.result import Diagnosis, Size
-from topdress.control.log_row import COMMANDS_HELD, FILE_BEGINS
+from topdress.control.log_row import COMMANDS_HELD_EVENT, FILE_BEGINS
 from topdress.control.machine.machine import Machine
 
 from .adoption import select_adoptable
@@ -212,7 +212,8 @@ def join_logs(
     if len(logs) < 2:
         raise ValueError(f"{len(logs)} log: allowed two or more")
     held = [
-        any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ())) for log in logs
+        any(COMMANDS_HELD_EVENT in str(text).split(";") for text in log.get("events", ()))
+        for log in logs
     ]
     if len(set(held)) > 1:
         raise ValueError(

@@ -23,7 +23,7 @@ from topdress.control.diagnosis.judgement.gaussian import Array, calc_elementwis
 # or none.
 MEAN_LOGS_PER_CHANGE = 50.0
 # Prior s.d. of a linear change over the season, in units of the level's prior s.d.
-SLOPE_SD_RATIO = 2.0
+SLOPE_SD_OF_LEVEL_SD = 2.0
 # Trial scatters, in units of the s.d. around a smooth curve.
 TRIAL_SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)
 # Trial scatters as a share of the size.
@@ -39,7 +39,7 @@ STAY_LOG_PROB, CHANGE_LOG_PROB = (
 )
 
 
-class Stretch(NamedTuple):
+class LogStretch(NamedTuple):
     """Logs from `begin` up to and without `end` between two changes; kind: one of STRETCH_KINDS."""
 
     begin: int
@@ -47,11 +47,11 @@ class Stretch(NamedTuple):
     kind: str
 
 
-class Partition(NamedTuple):
+class CoursePartition(NamedTuple):
     """A partition of a course. change: (n - 1,) probability of a change in each gap. scatter: (n,)
     variance from log to log."""
 
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[LogStretch, ...]
     change: Array
     scatter: Array
 
@@ -70,7 +70,7 @@ def calc_season_shares(times_d: Array) -> Array:
 
 def find_partition(
     times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
-) -> Partition:
+) -> CoursePartition:
     """Return the partition of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter:
     variance around the curve."""
     tried = product(TRIAL_SCATTERS, TRIAL_SCATTER_SHARES) if scatter > 0.0 else [(0.0, 0.0)]
@@ -97,7 +97,7 @@ def calc_course_gain(times_d: Array, sizes: Array, variance: Array, level_sd: fl
     )
 
 
-def _choose_stretches(found: tuple[Array, Array]) -> Partition:
+def _choose_stretches(found: tuple[Array, Array]) -> CoursePartition:
     """Return the most likely stretches, and the probability of a change in each gap."""
     each, extra = found
     count, whole, ahead = len(extra), np.logaddexp.reduce(each), _calc_likelihood_ahead(each)
@@ -112,13 +112,13 @@ def _choose_stretches(found: tuple[Array, Array]) -> Partition:
         ends = np.arange(begin + 1, count + 1)
         back[begin] = np.logaddexp.reduce(back[ends] + whole[begin, ends])
     inside = np.arange(1, count)
-    stretches, end = list[Stretch](), count
+    stretches, end = list[LogStretch](), count
     while end > 0:
         stretches.append(
-            Stretch(came[end], end, STRETCH_KINDS[int(np.argmax(each[:, came[end], end]))])
+            LogStretch(came[end], end, STRETCH_KINDS[int(np.argmax(each[:, came[end], end]))])
         )
         end = came[end]
-    return Partition(
+    return CoursePartition(
         tuple(stretches[::-1]), np.exp(ahead[inside] + back[inside] - ahead[count]), extra
     )
 
@@ -169,7 +169,7 @@ def _calc_stretch_likelihoods(
     stands = gone + calc_elementwise_gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    line = stands + calc_elementwise_gain(spread, score, SLOPE_SD_RATIO * level_sd)
+    line = stands + calc_elementwise_gain(spread, score, SLOPE_SD_OF_LEVEL_SD * level_sd)
     prior = (
         STAY_LOG_PROB * (end - 1 - begin)
         + CHANGE_LOG_PROB * (begin > 0)

@@ -16,7 +16,7 @@ from scipy.special import expit, ndtr
 from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.judgement.gaussian import Array
 
-from .changes import NEIGHBOUR_GAPS, Partition, Stretch
+from .changes import NEIGHBOUR_GAPS, CoursePartition, LogStretch
 from .evidence import SeasonLog, stack_logs
 from .mixed import (
     Alternative,
@@ -28,15 +28,15 @@ from .mixed import (
 )
 
 # Maximum p value of a slope that counts as wear.
-MAX_WEAR_P = 1e-3
+MAX_WEAR_SLOPE_P_VALUE = 1e-3
 # Minimum share of an effect that a repair removes.
-MIN_REPAIR_SHARE = 0.25
+MIN_EFFECT_SHARE_REPAIRED = 0.25
 # Probability from which a change is reported.
 MIN_CHANGE_PROB = 0.1
 # Number of logs on either side of a change whose sizes are averaged.
 CHANGE_WINDOW_LOGS = 5
 # Minimum share of common logs of two levels for their effects to be inseparable.
-MIN_COMMON_SHARE = 0.9
+MIN_COMMON_LOG_SHARE = 0.9
 
 
 class CoursePiece(NamedTuple):
@@ -167,7 +167,7 @@ def _make_season_cause(season: Season, number: int) -> SeasonCause:
 
 
 def _list_course_pieces(
-    stretches: Sequence[Stretch],
+    stretches: Sequence[LogStretch],
     times_d: Array,
     columns: Array,
     mean: Array,
@@ -197,7 +197,7 @@ def _list_course_pieces(
 
 
 def _list_season_changes(
-    course: Partition, times_d: Array, sizes: Array, variance: Array
+    course: CoursePartition, times_d: Array, sizes: Array, variance: Array
 ) -> Iterator[SeasonChange]:
     """Yield the changes of the most likely course, and other probable changes."""
     gaps = [one.begin - 1 for one in course.stretches[1:]]
@@ -234,9 +234,9 @@ def _list_season_changes(
 def _calc_repair_probability(
     was: float, was_variance: float, is_: float, is_variance: float
 ) -> float:
-    """Return the probability that a size decreased by MIN_REPAIR_SHARE at least, and not to an
-    equal size of the opposite sign."""
-    left = 1.0 - MIN_REPAIR_SHARE
+    """Return the probability that a size decreased by MIN_EFFECT_SHARE_REPAIRED at least, and not
+    to an equal size of the opposite sign."""
+    left = 1.0 - MIN_EFFECT_SHARE_REPAIRED
     sd = float(left**2 * was_variance + is_variance) ** 0.5
     sign = 1.0 if was >= 0.0 else -1.0
     return float(
@@ -287,11 +287,11 @@ def _compare_levels(levels: FactorLevels) -> Iterator[InseparableLevels]:
     for one, other in combinations(range(levels.code.shape[1]), 2):
         pairs, both = np.unique(levels.code[:, [one, other]], axis=0, return_counts=True)
         for (a, b), logs in zip(pairs.tolist(), both.tolist(), strict=True):
-            if min(a, b) >= 0 and logs > MIN_COMMON_SHARE * (count[a] + count[b] - logs):
+            if min(a, b) >= 0 and logs > MIN_COMMON_LOG_SHARE * (count[a] + count[b] - logs):
                 yield InseparableLevels(*levels.keys[a], *levels.keys[b])
 
 
 def is_wearing(course: SeasonCause) -> bool:
     """Tell whether the last piece of a course grows away from zero."""
     last = course.pieces[-1]
-    return last.per_day_p < MAX_WEAR_P and last.per_day * last.end > 0.0
+    return last.per_day_p < MAX_WEAR_SLOPE_P_VALUE and last.per_day * last.end > 0.0

@@ -32,13 +32,13 @@ from topdress.control.machine.machine import Machine, describe_unit
 
 Columns = Mapping[str, npt.NDArray[Any]]
 # Share of a full hopper below which an operator should have refilled.
-MIN_FILL_SHARE = 0.05
+LOW_HOPPER_SHARE = 0.05
 # Minimum speed of a moving machine, m/s.
 MIN_MOVING_MPS = 0.3
 # Minimum eigenvalue as a share of a form's largest: a smaller eigenvalue has no information.
 MIN_EIGENVALUE_SHARE = 1e-9
 # Minimum share of a log's variance that is not due to the machine's tolerances.
-MIN_OWN_SHARE = 1e-3
+MIN_VARIANCE_SHARE_BEYOND_TOLERANCES = 1e-3
 
 
 class QuadraticForm(NamedTuple):
@@ -66,7 +66,7 @@ class LogWork(NamedTuple):
     hours: float
     applied_kg: float
     area_ha: float
-    # Minutes of work with the hopper below MIN_FILL_SHARE.
+    # Minutes of work with the hopper below LOW_HOPPER_SHARE.
     low_minutes: float
     refills: int
 
@@ -202,7 +202,7 @@ def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
     ground_ha = speed * machine.geometry.working_width_m * step_s * works / 10_000.0
     hopper = columns.get("hopper_kg")
     low = (
-        np.asarray(hopper, np.float64) < MIN_FILL_SHARE * machine.flow.full_kg
+        np.asarray(hopper, np.float64) < LOW_HOPPER_SHARE * machine.flow.full_kg
         if hopper is not None
         else np.zeros(len(time_s), bool)
     )
@@ -298,7 +298,7 @@ def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
     both = np.concatenate([root[:, None] * seen, seen @ pulls / root[:, None]], axis=1)
     own = np.eye(len(root)) - both[:, len(form.names) :] @ both[:, len(form.names) :].T
     shares, axes = np.linalg.eigh(own)
-    weighted = (axes / np.maximum(shares, MIN_OWN_SHARE)) @ axes.T @ both
+    weighted = (axes / np.maximum(shares, MIN_VARIANCE_SHARE_BEYOND_TOLERANCES)) @ axes.T @ both
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 

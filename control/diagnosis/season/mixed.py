@@ -54,7 +54,13 @@ from topdress.control.diagnosis.judgement.gaussian import (
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE
 from topdress.control.machine.machine import CATALOGUE
 
-from .changes import SLOPE_SD_RATIO, Partition, calc_course_gain, calc_season_shares, find_partition
+from .changes import (
+    SLOPE_SD_OF_LEVEL_SD,
+    CoursePartition,
+    calc_course_gain,
+    calc_season_shares,
+    find_partition,
+)
 from .evidence import StackedLogs, add_scatter
 
 # Prior probability that one level has one effect: about one of a season's some thousand pairs.
@@ -65,7 +71,7 @@ MIN_REPORT_PROB = 0.95
 SLAB_SD_GRID = (0.1, 0.3, 1.0)
 # Coarsening of alternatives as a share of the gain: a deficit of 3 % has a probability of one in
 # twenty.
-COARSENING_SHARE = 0.005
+COARSENING_OF_GAIN = 0.005
 # Number of sweeps over all causes.
 SWEEP_COUNT = 3
 # Maximum number of rounds of the assignment of names, and the change of a probability that ends the
@@ -121,7 +127,7 @@ class EffectAtLevel(NamedTuple):
     sd: Array
     scatter: Array = np.zeros(1)
     # Course of a machine's effect over the logs `at`.
-    course: Partition | None = None
+    course: CoursePartition | None = None
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
 
@@ -697,7 +703,9 @@ def _choose_level_sd(season: Season, score: Array, information: Array, effect: i
     )
 
 
-def _make_stretch_columns(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
+def _make_stretch_columns(
+    times_d: Array, course: CoursePartition, sd: float
+) -> tuple[Array, Array]:
     """Return (n, k) and (k,): columns and prior s.d. of the level of each present stretch, and of
     its slope over the season."""
     columns, sds, shares = list[Array](), list[float](), calc_season_shares(times_d)
@@ -710,7 +718,7 @@ def _make_stretch_columns(times_d: Array, course: Partition, sd: float) -> tuple
             sds.append(sd)
         if stretch.kind == "line":
             columns.append(inside * (shares - shares[here].mean()))
-            sds.append(SLOPE_SD_RATIO * sd)
+            sds.append(SLOPE_SD_OF_LEVEL_SD * sd)
     # The effect is absent in every stretch, so only scatter remains.
     if not columns:
         return np.ones((len(shares), 1)), np.array([sd])
@@ -948,7 +956,7 @@ def _list_alternatives(
             for j, row in enumerate(asked.tolist())
         ]
     most = max(likely for _, likely, *_ in tried)
-    temper = 1.0 / (1.0 + COARSENING_SHARE * 2.0 * max(0.0, most))
+    temper = 1.0 / (1.0 + COARSENING_OF_GAIN * 2.0 * max(0.0, most))
     # The same effect of another level has the same error of form, so only different effects are
     # tempered.
     return [

@@ -15,11 +15,11 @@ from .evidence import LogWork
 from .mixed import FLEET_FACTOR, MACHINE_FACTOR, Alternative
 
 # Maximum p value for an operator whose hopper runs low more often than by chance.
-MAX_LOW_P = 1e-3
+MAX_LOW_HOPPER_P_VALUE = 1e-3
 # Minimum number of logs of an operator.
 MIN_OPERATOR_LOGS = 5
 # Minimum ratio to the other operators' minutes per hour.
-MIN_LOW_RATIO = 2.0
+MIN_LOW_MINUTES_RATIO = 2.0
 
 
 class LogCostInput(NamedTuple):
@@ -211,7 +211,7 @@ def find_low_hoppers(logs: Sequence[LogCostInput]) -> list[LowHopperOperator]:
     all_logs, total = sum(map(len, rates.values())), sum(map(sum, rates.values()))
     for operator, own in rates.items():
         rest, mean = all_logs - len(own), sum(own) / len(own)
-        if min(len(own), rest) < MIN_OPERATOR_LOGS or mean <= MIN_LOW_RATIO * (
+        if min(len(own), rest) < MIN_OPERATOR_LOGS or mean <= MIN_LOW_MINUTES_RATIO * (
             usual := (total - sum(own)) / rest
         ):
             continue
@@ -220,6 +220,6 @@ def find_low_hoppers(logs: Sequence[LogCostInput]) -> list[LowHopperOperator]:
 
         others = [rate for name, of in rates.items() if name != operator for rate in of]
         p = float(mannwhitneyu(own, others, alternative="greater").pvalue)
-        if p < MAX_LOW_P:
+        if p < MAX_LOW_HOPPER_P_VALUE:
             found.append(LowHopperOperator(operator, len(own), mean, usual, p))
     return sorted(found, key=lambda one: (-one.minutes_per_hour, one.operator))

@@ -25,7 +25,7 @@ BATCH_DRAWS = 100
 # peak.
 MAX_EXCEEDING_DRAWS = 5
 # Minimum standard deviation of the mean cosine, times sqrt(rows), under smooth scatter.
-MIN_SD = 0.3
+MIN_MEAN_COSINE_SD = 0.3
 # Minimum number of times for the test.
 MIN_ROWS = 8
 
@@ -37,7 +37,7 @@ MIN_STEPS, MAX_STEPS = 50, 3000
 MIN_STEP_DIGITS = 8.0
 # Maximum step in units of the scatter, or of half the range of all times: larger steps have no
 # phases.
-MAX_SCATTERS = 4.0
+MAX_STEP_IN_SCATTERS = 4.0
 # Maximum multiple of the step at the peak that is tried.
 MAX_TRIED_STEP_MULTIPLE = 12
 # Share of the highest mean cosine from which a multiple of the step is preferred.
@@ -49,7 +49,7 @@ MAX_DISTINCT_VALUES = 3
 # Minimum number of rows for each distinct reading.
 MIN_ROWS_PER_VALUE = 6
 # P value for a single reading throughout: either a steady detector, or a coarse step.
-UNDECIDED_P = 0.5
+SINGLE_READING_P_VALUE = 0.5
 # Maximum number of steps within a distinct reading.
 MAX_STEPS_PER_VALUE = 39
 # Readings that agree to this number of digits are equal: nobody prints lags more finely.
@@ -82,7 +82,7 @@ class CoarseClock(NamedTuple):
     @property
     def undecided(self) -> bool:
         """Whether all readings are equal: a step is then neither shown nor excluded."""
-        return self.p == UNDECIDED_P
+        return self.p == SINGLE_READING_P_VALUE
 
 
 def find_clock_step(
@@ -103,7 +103,7 @@ def find_clock_step(
     scatter = float(np.std(rest, ddof=1)) if rows > 1 else 0.0
     spread = float(np.std(times_s))
     finest = max(MIN_STEP_DIGITS * digit_s, 0.1 * scatter)
-    coarsest = MAX_SCATTERS * max(scatter, 0.5 * spread)
+    coarsest = MAX_STEP_IN_SCATTERS * max(scatter, 0.5 * spread)
     if rows < MIN_ROWS or scatter <= 10.0**-COMPARED_DIGITS or coarsest <= 1.2 * finest:
         return None
     count = int(
@@ -144,7 +144,7 @@ def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None
     if len(gaps) and gaps.min() < MIN_STEP_DIGITS * digit_s:
         return None
     p = (
-        UNDECIDED_P
+        SINGLE_READING_P_VALUE
         if len(gaps) == 0 and kinds[0] < 10.0 * MIN_STEP_DIGITS * digit_s
         else 1.0 / (DRAW_COUNT + 1)
     )
@@ -179,7 +179,7 @@ def _calc_quantogram_moments(fitted: Array, scatter: float, steps: Array) -> tup
     variance = 0.5 * (1.0 + np.cos(2.0 * turn * fitted) * two) - mean**2
     rows = len(fitted)
     return mean.mean(axis=1), np.maximum(
-        np.sqrt(np.maximum(variance.mean(axis=1), 0.0) / rows), MIN_SD / np.sqrt(rows)
+        np.sqrt(np.maximum(variance.mean(axis=1), 0.0) / rows), MIN_MEAN_COSINE_SD / np.sqrt(rows)
     )
 
 

@@ -26,15 +26,15 @@ from .table_series import Array, BoolArray, sort_best_first
 # Minimum number of shaft speeds that both tables have.
 MIN_SHARED_SPEEDS = 5
 # Assumed standard error of a row without replicates, as a share of its value.
-UNREPEATED_SHARE = 0.01
+UNREPEATED_ROW_ERROR_SHARE = 0.01
 # Rounding error of a table's digits, as a share of the value.
-ROUNDING_SHARE = 0.001
+ROUNDING_ERROR_SHARE = 0.001
 # A row agrees within this number of standard errors.
 AGREEMENT_SE = 2.0
 # A factor this close to 1, or a shift (s, m) this close to 0, counts as none.
 NEGLIGIBLE_CHANGE = 0.002
 # P value below which the other quantity is reported to fit less well (F test of the residuals).
-MAX_WORSE_P = 0.05
+MAX_WORSE_FIT_P_VALUE = 0.05
 
 
 class LagSeries(NamedTuple):
@@ -60,7 +60,7 @@ class LagSeries(NamedTuple):
         return len(self.printed)
 
 
-class AcrossTables(NamedTuple):
+class TableReconciliation(NamedTuple):
     """The quantity that reconciles two series. `kind`: speed, factor, delay or length. `other`: the
     second-best quantity's kind. `holds`: number of agreeing rows of `rows`."""
 
@@ -145,13 +145,15 @@ def _calc_standard_errors(groups: Sequence[Array], means: Array) -> Array:
     nothing was repeated."""
     spare = sum(len(group) - 1 for group in groups)
     if spare < 1:
-        return UNREPEATED_SHARE * np.abs(means)
+        return UNREPEATED_ROW_ERROR_SHARE * np.abs(means)
     pooled = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups) / spare
     errors = np.array([np.sqrt(pooled / len(group)) for group in groups])
-    return np.asarray(np.maximum(errors, ROUNDING_SHARE * np.abs(means)))
+    return np.asarray(np.maximum(errors, ROUNDING_ERROR_SHARE * np.abs(means)))
 
 
-def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
+def compare_lag_series(
+    tables: Sequence[BenchTable], machine: Machine
+) -> tuple[TableReconciliation, ...]:
     """Return the comparison of every pair of lag series of `tables` with common shaft speeds, in
     the tables' order."""
     every = [
@@ -164,7 +166,7 @@ def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[
     return tuple(pair for pair in found if pair is not None)
 
 
-def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
+def reconcile_pair(one: LagSeries, two: LagSeries) -> TableReconciliation | None:
     """Reconcile two series; None where they have too few common shaft speeds. The first is the
     distance, or else the first argument."""
     if one.unit == "s" and two.unit == "m":
@@ -197,10 +199,11 @@ def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     sums = [float(np.sum(left[kind] ** 2)) for kind in order]
     worse = (
         len(order) > 1
-        and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < MAX_WORSE_P
+        and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12)))
+        < MAX_WORSE_FIT_P_VALUE
     )
     other = order[1] if len(order) > 1 else ""
-    return AcrossTables(
+    return TableReconciliation(
         one,
         two,
         order[0],
@@ -220,7 +223,7 @@ def _interpolate_series(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
     return series.value[rows], series.error[rows]
 
 
-def describe_pair(pair: AcrossTables) -> str:
+def describe_pair(pair: TableReconciliation) -> str:
     """Describe for the user which quantity converts one series to the other, its interval, and the
     number of agreeing rows."""
     if (
@@ -273,12 +276,12 @@ def describe_pair(pair: AcrossTables) -> str:
     )
 
 
-def _is_same_quantity(pair: AcrossTables) -> bool:
+def _is_same_quantity(pair: TableReconciliation) -> bool:
     neutral = 1.0 if pair.kind == "factor" else 0.0
     return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < NEGLIGIBLE_CHANGE
 
 
-def _describe_interval(pair: AcrossTables, scale: float, form: str) -> str:
+def _describe_interval(pair: TableReconciliation, scale: float, form: str) -> str:
     value, low, high = (
         format(scale * figure, form) for figure in (pair.value, pair.low, pair.high)
     )

@@ -25,8 +25,8 @@ from topdress.control.recordings.speeds import KMH_PER_MPS
 
 from .cross_calibration import (
     MIN_SHARED_SPEEDS,
-    AcrossTables,
     LagSeries,
+    TableReconciliation,
     describe_pair,
     list_lag_series,
 )
@@ -35,7 +35,7 @@ from .rows import list_labels
 from .table_series import BoolArray
 
 # Maximum last digit as a share of a value: coarser values agree by chance.
-MAX_DIGIT_SHARE = 0.005
+MAX_LAST_DIGIT_OF_VALUE = 0.005
 # Columns that contain a complete measured lag.
 MEASURED_COLUMNS = ("lag_m", "lag_s", "miss_m")
 
@@ -59,7 +59,7 @@ class DuplicateRows(NamedTuple):
         )
 
 
-class WithoutDuplicates(NamedTuple):
+class DeduplicatedTables(NamedTuple):
     """Tables in which every measurement appears once, in the given order, and the removed
     repetitions."""
 
@@ -67,7 +67,7 @@ class WithoutDuplicates(NamedTuple):
     retellings: tuple[DuplicateRows, ...]
 
 
-def remove_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
+def remove_duplicates(tables: Sequence[BenchTable], machine: Machine) -> DeduplicatedTables:
     """Return the tables without repeated measurements.
 
     The series with most rows is kept, or the first of equally long series. Times calculated from
@@ -104,7 +104,7 @@ def remove_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Without
                 twice = rows
             kept = _blank_column_rows(kept, series.column, twice)
         out.append(_drop_empty_rows(kept))
-    return WithoutDuplicates(tuple(table for table in out if table.rows), tuple(found))
+    return DeduplicatedTables(tuple(table for table in out if table.rows), tuple(found))
 
 
 def _find_duplicate_series(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
@@ -134,7 +134,7 @@ def match_duplicate_series(kept: LagSeries, again: LagSeries) -> DuplicateRows |
     digits = [find_quantum(series.printed) for series in (distances, times)]
     if (
         max(digits[0] / float(np.mean(np.abs(a))), digits[1] / float(np.mean(np.abs(b))))
-        > MAX_DIGIT_SHARE
+        > MAX_LAST_DIGIT_OF_VALUE
     ):
         return None
     alike = kept.unit == again.unit
@@ -190,7 +190,7 @@ def _restore_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) 
 
 
 def describe_duplicates(
-    pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]
+    pairs: Sequence[TableReconciliation], retellings: Sequence[DuplicateRows]
 ) -> tuple[str, ...]:
     """Return sentences on the relations between tables, each once, and on the removed
     repetitions."""

@@ -15,7 +15,7 @@ from topdress.control.diagnosis.result import Detectable, Gain, NotShown
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
 from .problem import TableProblem
-from .search import Model, TableSearch, refine_table_model
+from .search import CandidateModel, TableSearch, refine_table_model
 from .table_series import Array, BoolArray, IntArray, MeasuredSeries, SizedEffect
 
 # Number of bootstrap resamples of the settings, for the interval of the gain.
@@ -89,7 +89,9 @@ def _predict_held_out(
         for row in np.flatnonzero(np.isin(problem.setting, sorted(split))).tolist()
     ]
     named = {effect.candidate for effect in effects}
-    model = Model(tuple(k for k, one in enumerate(search.effects) if one.candidate in named))
+    model = CandidateModel(
+        tuple(k for k, one in enumerate(search.effects) if one.candidate in named)
+    )
     for out in folds if len(folds) > 1 else ():
         sized = refine_table_model(problem, search.effects, search.unknowns, model, ~out).sized
         off[out] = (problem.observed - problem.predict(sized))[out]
@@ -137,7 +139,7 @@ def list_detectable_sizes(search: TableSearch) -> dict[str, float]:
     for k, one in enumerate(search.effects if len(problem.observed) >= MIN_ROWS else ()):
         if one.candidate.scope is not None:
             continue
-        model = Model(tuple(sorted({*search.best.model.effects, k})))
+        model = CandidateModel(tuple(sorted({*search.best.model.effects, k})))
         fit = refine_table_model(problem, search.effects, search.unknowns, model)
         se = fit.se[model.effects.index(k)]
         information = max(

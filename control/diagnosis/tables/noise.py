@@ -20,11 +20,11 @@ MIN_ROWS_TO_WINSORISE = 4
 
 # P value of the Brown-Forsythe test (1974) of equal variances below which settings get their own
 # weights.
-MAX_UNEQUAL_P = 0.005
+MAX_UNEQUAL_VARIANCE_P_VALUE = 0.005
 # Minimum number of replicates at a setting for its variance to be compared.
 MIN_ROWS_PER_VARIANCE = 5
 # Minimum s.d. of a setting, as a share of the common s.d.
-MIN_SD_SHARE = 0.2
+MIN_SD_OF_COMMON_SD = 0.2
 
 # Minimum degrees of freedom of the replicates for them alone to give the noise.
 MIN_PURE_DOF = 5
@@ -99,10 +99,10 @@ def _try_noise_spread(
     )
     unequal_p = _calc_brown_forsythe_p(relative, setting, counts, none)
     factor = np.ones(len(relative))
-    if unequal_p is not None and unequal_p < MAX_UNEQUAL_P:
-        factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[
-            setting
-        ]
+    if unequal_p is not None and unequal_p < MAX_UNEQUAL_VARIANCE_P_VALUE:
+        factor = np.array(
+            [np.sqrt(max(s, MIN_SD_OF_COMMON_SD * sd) / sd) for _, _, s in by_setting]
+        )[setting]
     return (
         TableNoise(
             nominal + winsorised * spread,

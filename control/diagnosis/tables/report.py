@@ -49,28 +49,28 @@ from .clock import CoarseClock
 from .cross_calibration import compare_lag_series
 from .duplicate_rows import DuplicateRows, describe_duplicates
 from .gain import list_label_contrasts
-from .noise import MAX_ROBUST_SD, MAX_UNEQUAL_P
+from .noise import MAX_ROBUST_SD, MAX_UNEQUAL_VARIANCE_P_VALUE
 from .problem import TableProblem
 from .table_series import Array, BoolArray, MeasuredSeries, SizedEffect, TableCandidate, add_effects
-from .verdict import Judgement, NamedEffect
+from .verdict import NamedEffect, TableVerdict
 
 # Effects that add the same time to every row, as the steps of a coarse clock may do.
 CONSTANT_TIME_IDS = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)
 # P value below which labels are reported to differ.
-MAX_CONTRAST_P = 0.01
+MAX_LABEL_CONTRAST_P_VALUE = 0.01
 # Ratio of a setting's scatter to the usual scatter from which the setting is reported.
-MIN_SCATTER_RATIO = 2.0
+MIN_SETTING_SCATTER_RATIO = 2.0
 # Maximum number of rows and of settings that a finding lists.
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 # Minimum number of rows for a setting's scatter to be reported.
 MIN_REPORTED_ROWS = 4
 # Maximum number of tests of a plan: an afternoon's work.
-MAX_TESTS = 3
+MAX_PLANNED_TESTS = 3
 RivalPair = tuple[SizedEffect, SizedEffect]
 
 
 def list_causes(
-    problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement
+    problem: TableProblem, tables: Sequence[BenchTable], judgement: TableVerdict
 ) -> tuple[Cause, ...]:
     """Return the named effects and the clearest coarse clock, largest consequence in the field
     first."""
@@ -83,7 +83,7 @@ def list_causes(
     return tuple(sorted(causes, key=lambda cause: calc_consequence(cause.field_cost), reverse=True))
 
 
-def find_verdict(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
+def find_verdict(judgement: TableVerdict, causes: Sequence[Cause]) -> Verdict:
     """Return the verdict of the models together with the clocks."""
     if judgement.verdict not in ("unexplained", "not_judged") or (
         causes and not judgement.unexplained
@@ -167,7 +167,7 @@ def list_channels(problem: TableProblem, structure_p: float) -> tuple[Channel, .
     return tuple(out)
 
 
-def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None:
+def find_next_run(problem: TableProblem, judgement: TableVerdict) -> NextRun | None:
     """Return the tests that would separate the rivals; None where nothing is ambiguous."""
 
     def anywhere(effect: SizedEffect) -> SizedEffect:
@@ -244,7 +244,7 @@ def _join_rival_names(pairs: Sequence[RivalPair]) -> str:
 def list_findings(
     problem: TableProblem,
     tables: Sequence[BenchTable],
-    judgement: Judgement,
+    judgement: TableVerdict,
     retellings: Sequence[DuplicateRows],
 ) -> tuple[str, ...]:
     """Return findings about the rows; columns that could not be judged come first.
@@ -324,12 +324,16 @@ def _describe_noise(problem: TableProblem, index: int, piece: MeasuredSeries) ->
             "from their replicates "
             f"({shown} {piece.unit}) and count only as far as {MAX_ROBUST_SD:g} robust s.d."
         )
-    if noise.unequal_p is None or noise.unequal_p >= MAX_UNEQUAL_P:
+    if noise.unequal_p is None or noise.unequal_p >= MAX_UNEQUAL_VARIANCE_P_VALUE:
         return out
     own = problem.setting[problem.piece == index]
     first = int(own.min())
     usual = float(np.median([s for _, _, s in noise.setting_sd]))
-    loud = [(k, s) for k, rows, s in noise.setting_sd if s > MIN_SCATTER_RATIO * usual and rows > 2]
+    loud = [
+        (k, s)
+        for k, rows, s in noise.setting_sd
+        if s > MIN_SETTING_SCATTER_RATIO * usual and rows > 2
+    ]
     loud.sort(key=lambda one: -one[1])
     where = "; ".join(
         f"{_describe_setting(piece, own == k + first)}: {s:.3g}"
@@ -347,7 +351,7 @@ def _describe_noise(problem: TableProblem, index: int, piece: MeasuredSeries) ->
 def _describe_labels(problem: TableProblem) -> list[str]:
     out = []
     for piece, one, other, difference, half, p in list_label_contrasts(problem):
-        word = "differs from" if p < MAX_CONTRAST_P else "does not differ from"
+        word = "differs from" if p < MAX_LABEL_CONTRAST_P_VALUE else "does not differ from"
         out.append(
             f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: "
             f"{difference:+.3g} "
@@ -356,7 +360,7 @@ def _describe_labels(problem: TableProblem) -> list[str]:
     return out
 
 
-def _describe_settings(problem: TableProblem, judgement: Judgement) -> list[str]:
+def _describe_settings(problem: TableProblem, judgement: TableVerdict) -> list[str]:
     """Return findings about a deviation common to the rows of one setting that the model does not
     contain."""
     model = judgement.model or judgement.search.best
@@ -425,7 +429,9 @@ def find_separating_tests(
             for a, b in pairs
         ]
     )
-    found = choose_experiments(apart, [one.minutes for one in every], SEPARATION_SD, MAX_TESTS)
+    found = choose_experiments(
+        apart, [one.minutes for one in every], SEPARATION_SD, MAX_PLANNED_TESTS
+    )
     return NextTests(
         tuple(every[k] for k in found.tests),
         pairs,

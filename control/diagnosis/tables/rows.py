@@ -55,12 +55,12 @@ FALL_WORDS = frozenset({"down", "fall", "falling", "decrease"})
 RISE_SHAPES = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))
 UNCORRECTED_LABEL = "before"
 # Share of the median mass below which even proportional noise is constant.
-MIN_MASS_SHARE = 0.1
+PROPORTIONAL_NOISE_MASS_SHARE = 0.1
 # Minimum number of speeds (of a fall-off) or times (of warming up) beyond the free shapes:
 # otherwise the shapes fit exactly.
-MIN_FREE_LEVELS = 3
+MIN_LEVELS_BEYOND_SHAPES = 3
 # Number of flute passages in the shortest catch above which no catch shows a pulsation.
-MAX_PASSAGES = 3.0
+MAX_FLUTE_PASSAGES = 3.0
 WEIGHED_EFFECTS = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
 # Assumed time since switch-on, s, where the table does not say: the heads are warm.
 WARM_S = 100.0 * WARM_UP_S
@@ -356,7 +356,7 @@ def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeri
     spreads = (
         np.ones(table.rows),
         np.hypot(share, 1.0) / np.sqrt(2.0),
-        np.hypot(share, MIN_MASS_SHARE),
+        np.hypot(share, PROPORTIONAL_NOISE_MASS_SHARE),
     )
     wide = machine.model_copy(
         update={
@@ -376,7 +376,9 @@ def make_catch_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeri
         variables["outlet"] = outlet
     candidates = _list_catch_candidates(
         outlet,
-        pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES and len(np.unique(lasts_s)) > 2),
+        pulsates=bool(
+            angle.min() / (2.0 * pi) < MAX_FLUTE_PASSAGES and len(np.unique(lasts_s)) > 2
+        ),
     )
     return (
         MeasuredSeries(
@@ -463,7 +465,7 @@ def _list_falloff_shapes(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm
     return np.column_stack(
         [
             nominal * shape
-            for shape in shapes[: max(1, len(np.unique(tested_rpm)) - MIN_FREE_LEVELS)]
+            for shape in shapes[: max(1, len(np.unique(tested_rpm)) - MIN_LEVELS_BEYOND_SHAPES)]
         ]
     )
 
@@ -601,7 +603,7 @@ def make_heads_pieces(table: BenchTable, machine: Machine) -> tuple[MeasuredSeri
         TableCandidate(CANOPY_SATURATION.id),
         *([TableCandidate(CANOPY_WARM_UP.id)] if timed else []),
     ]
-    rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_FREE_LEVELS)]
+    rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_LEVELS_BEYOND_SHAPES)]
     forms = {
         CANOPY_SATURATION.id: _list_flattening_shapes(reference),
         CANOPY_WARM_UP.id: np.column_stack(

@@ -34,7 +34,7 @@ from .problem import TableProblem
 from .table_series import Array, BoolArray, IntArray, SizedEffect, sort_best_first
 
 # Maximum number of simultaneous effects.
-MAX_EFFECTS = 3
+MAX_SIMULTANEOUS_EFFECTS = 3
 # Maximum deficit in log odds of a counted model (Madigan and Raftery 1994).
 MAX_SCORE_DEFICIT = 7.0
 # Maximum number of models that are refitted at their own sizes.
@@ -46,18 +46,18 @@ MAX_TRIED_ROWS = 3
 # Maximum number of tables without replicates that have their own factor on their noise.
 MAX_TABLES_WITH_OWN_NOISE = 2
 # Prior probability that an effect has another shape than the catalogue's.
-FREE_SHAPE_PROB = 0.5
+OTHER_SHAPE_PROB = 0.5
 # Standard deviation of a parameter that is fixed at zero.
-FIXED_SD = 1e-6
+FIXED_PARAMETER_SD = 1e-6
 # Ridge as a share of a column's norm: it limits the sizes of nearly equal columns.
-RIDGE_SHARE = 1e-3
+RIDGE_OF_COLUMN_NORM = 1e-3
 # Maximum number of Gauss-Newton rounds.
 MAX_ROUNDS = 3
 # Maximum change of a size in a converged round, in s.d.
 MAX_SETTLED_SD = 1e-3
 
 
-class Model(NamedTuple):
+class CandidateModel(NamedTuple):
     """A candidate model: the indices of its effects among the candidates, and the index of the
     unknown dependence (None for none)."""
 
@@ -69,7 +69,7 @@ class FittedModel(NamedTuple):
     """A refitted model. `score`: log evidence plus log prior odds. `outside`: indices of effects
     whose size is out of its bounds."""
 
-    model: Model
+    model: CandidateModel
     sized: tuple[SizedEffect, ...]
     se: tuple[float, ...]
     score: float
@@ -188,18 +188,18 @@ def _stack_all_columns(
 
 def _list_probable_models(
     problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[UnknownDependence]
-) -> list[Model]:
+) -> list[CandidateModel]:
     """Return the models within MAX_SCORE_DEFICIT of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
     table = _stack_all_columns(problem, y, effects, unknowns, whole=False)
-    scores: dict[Model, float] = {}
+    scores: dict[CandidateModel, float] = {}
 
-    def tried(models: Sequence[Model]) -> None:
+    def tried(models: Sequence[CandidateModel]) -> None:
         for model in models:
             if model not in scores and _is_possible_set([effects[k] for k in model.effects]):
                 scores[model] = score_table_model(table, effects, unknowns, model, sizes=False)[0]
 
-    def leading() -> list[Model]:
+    def leading() -> list[CandidateModel]:
         every = list(scores)
         return [
             every[k] for k in sort_best_first([scores[one] for one in every])[:MAX_MODELS_EXTENDED]
@@ -208,22 +208,27 @@ def _list_probable_models(
     every = range(len(effects))
     tried(
         [
-            Model(()),
-            *(Model((k,)) for k in every),
-            *(Model(pair) for pair in combinations(every, 2)),
+            CandidateModel(()),
+            *(CandidateModel((k,)) for k in every),
+            *(CandidateModel(pair) for pair in combinations(every, 2)),
         ]
     )
-    for _ in range(MAX_EFFECTS - 2):
+    for _ in range(MAX_SIMULTANEOUS_EFFECTS - 2):
         tried(
             [
-                Model(tuple(sorted({*one.effects, k})))
+                CandidateModel(tuple(sorted({*one.effects, k})))
                 for one in leading()
                 if len(one.effects) == 2
                 for k in every
             ]
         )
-    for one in [Model(()), *leading()]:
-        tried([Model(one.effects, k) for k in _list_likely_unknowns(table, effects, unknowns, one)])
+    for one in [CandidateModel(()), *leading()]:
+        tried(
+            [
+                CandidateModel(one.effects, k)
+                for k in _list_likely_unknowns(table, effects, unknowns, one)
+            ]
+        )
     best = max(scores.values())
     kept = [one for one in scores if scores[one] > best - MAX_SCORE_DEFICIT]
     return [kept[k] for k in sort_best_first([scores[one] for one in kept])[:MAX_MODELS_REFITTED]]
@@ -233,7 +238,7 @@ def _list_likely_unknowns(
     table: _ColumnMatrix,
     effects: Sequence[TableEffect],
     unknowns: Sequence[UnknownDependence],
-    model: Model,
+    model: CandidateModel,
 ) -> list[int]:
     """Return the unknown dependences to try in a model: of single rows and settings those with the
     largest residuals."""
@@ -250,7 +255,7 @@ def _list_likely_unknowns(
     return kept
 
 
-def _list_model_columns(table: _ColumnMatrix, model: Model) -> IntArray:
+def _list_model_columns(table: _ColumnMatrix, model: CandidateModel) -> IntArray:
     """Return the column indices of a model: its effects, their shapes, its unknown dependence,
     tolerances."""
     none = np.zeros(0, np.int64)
@@ -277,7 +282,7 @@ def score_table_model(
     table: _ColumnMatrix,
     effects: Sequence[TableEffect],
     unknowns: Sequence[UnknownDependence],
-    model: Model,
+    model: CandidateModel,
     sizes: bool = True,
 ) -> tuple[float, Posterior]:
     """Return log evidence plus log prior odds, and the posterior of the sizes (first) and all other
@@ -292,7 +297,7 @@ def score_table_model(
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
     # Sizes by least squares, with the tolerances limited by their priors.
     least = table.rows.products.select_columns(index)
-    trust = RIDGE_SHARE * np.maximum(np.diag(least.A[0]), 1e-12)
+    trust = RIDGE_OF_COLUMN_NORM * np.maximum(np.diag(least.A[0]), 1e-12)
     trust[len(index) - table.tolerances :] = 1.0
     guess = ColumnProducts(least.A[0], least.s[0]).fit(1.0 / np.sqrt(trust)).b
     log_odds = 0.0
@@ -314,8 +319,8 @@ def score_table_model(
     free = calc_posterior(table.rows, index, sd, sizes)
     if at == len(chosen):
         return free.log_evidence + log_odds, free
-    sd[len(chosen) : at] = FIXED_SD
-    found = mix_posteriors(free, calc_posterior(table.rows, index, sd, sizes), FREE_SHAPE_PROB)
+    sd[len(chosen) : at] = FIXED_PARAMETER_SD
+    found = mix_posteriors(free, calc_posterior(table.rows, index, sd, sizes), OTHER_SHAPE_PROB)
     return found.log_evidence + log_odds, found
 
 
@@ -323,7 +328,7 @@ def refine_table_model(
     problem: TableProblem,
     effects: Sequence[TableEffect],
     unknowns: Sequence[UnknownDependence],
-    model: Model,
+    model: CandidateModel,
     kept: BoolArray | None = None,
 ) -> FittedModel:
     """Refit a model at its own sizes. kept : (n,) rows of the fit; None for all."""
@@ -332,7 +337,7 @@ def refine_table_model(
         () if model.unknown is None else (unknowns[model.unknown],)
     )
     alone = problem._replace(candidates=tuple(one.candidate for one in chosen))
-    own = Model(tuple(range(len(chosen))), None if model.unknown is None else 0)
+    own = CandidateModel(tuple(range(len(chosen))), None if model.unknown is None else 0)
     sized: tuple[SizedEffect, ...] = ()
     here = list(chosen)
     for _ in range(MAX_ROUNDS if chosen else 1):

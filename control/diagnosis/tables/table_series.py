@@ -17,7 +17,7 @@ BoolArray = npt.NDArray[np.bool_]
 # (a constant extra lag, and a dead time that one table alone has), and the last bits, which differ
 # between processors, would choose between them. Rounding changes a sum over the rows by some 1e-12;
 # different causes differ by more than a millionth of their sum of squares.
-EQUAL_SCORE_SHARE = 1e-6
+EQUAL_SCORE_TOLERANCE = 1e-6
 
 
 class TableCandidate(NamedTuple):
@@ -132,7 +132,7 @@ def find_first_best(scores: Sequence[float] | Array) -> int:
     not decide."""
     values = np.asarray(scores, np.float64)
     highest = float(values.max())
-    least = highest - EQUAL_SCORE_SHARE * abs(highest) if np.isfinite(highest) else highest
+    least = highest - EQUAL_SCORE_TOLERANCE * abs(highest) if np.isfinite(highest) else highest
     return int(np.flatnonzero(values >= least)[0])
 
 

@@ -43,7 +43,7 @@ class NamedEffect(NamedTuple):
     rivals: tuple[TableRival, ...]
 
 
-class Judgement(NamedTuple):
+class TableVerdict(NamedTuple):
     """Judgement of a search. `nothing`: probability of noise only. `model`: the reported model,
     None for no report.
 
@@ -65,7 +65,7 @@ class Judgement(NamedTuple):
         return tuple(one.effect for one in self.named)
 
 
-def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
+def judge_table_search(search: TableSearch, shows: bool) -> TableVerdict:
     """Return the judgement without the clocks. shows : whether these rows would show any effect
     within its bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
@@ -73,7 +73,7 @@ def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
     unknown = sum(p for one, p in every if one.is_unknown)
     if nothing >= 0.5 or len(search.problem.observed) < MIN_ROWS:
         verdict: Verdict = "none" if shows else "not_judged"
-        return Judgement(search, None, verdict, (), (), nothing, unknown, None)
+        return TableVerdict(search, None, verdict, (), (), nothing, unknown, None)
     model = _choose_reported_model(search, nothing, unknown)
     named = tuple(
         _name_effect(search, model, k) for k in range(len(model.sized)) if k not in model.outside
@@ -87,7 +87,7 @@ def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
         else "named"
     )
     nearest = next((one.sized[k].candidate for one in search.fitted for k in one.outside), None)
-    return Judgement(search, model, verdict, named, unexplained, nothing, unknown, nearest)
+    return TableVerdict(search, model, verdict, named, unexplained, nothing, unknown, nearest)
 
 
 def _choose_reported_model(search: TableSearch, nothing: float, unknown: float) -> FittedModel:

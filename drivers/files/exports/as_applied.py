@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import prepare_rule
 from topdress.control.field.across import WidthError, measure_width_error
-from topdress.control.field.coverage import Coverage, Covered
+from topdress.control.field.coverage import Coverage, CoveredArea
 from topdress.control.field.totals import MaterialArrival, Totaliser, Totals
 from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.log_row import HEAD_COLUMNS
@@ -45,7 +45,7 @@ MAX_GAP_FREE_MEAN_STEPS = 2.5
 # Length of a segment, s, which gives about a record a second.
 DEFAULT_STRETCH_S = 1.0
 # Relative difference up to which widths agree: they are reported rounded, and as driven.
-WIDTH_TOLERANCE = 0.02
+SAME_WIDTH_TOLERANCE = 0.02
 # Size of a cell in the raster of covered ground, m.
 COVERAGE_CELL_M = 0.2
 # Distance between two entries into that raster, m.
@@ -136,7 +136,7 @@ class AsApplied:
     # cannot be computed.
     one_rate: WidthError | None = None
     # Worked ground by its position: with applied material, and with a rate of 0.
-    ground: Covered | None = None
+    ground: CoveredArea | None = None
     # Material released while the machine was commanded to stop; totals.stopped_kg includes it.
     stopped: tuple[ReleaseWhileStopped, ...] = ()
 
@@ -684,7 +684,7 @@ def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
 
 def _cover_ground(
     rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip], flows: npt.NDArray[np.bool_]
-) -> Covered:
+) -> CoveredArea:
     """Returns the ground under the strips with flow in `flows` (n, strips), each place once, and
     the ground that was passed over again."""
     coverage = Coverage(
@@ -758,7 +758,7 @@ def _check_machine_width(log: RunLog, machine: Machine) -> None:
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
     # Areas scale with the width, so a wrong machine makes every area wrong.
-    if isinstance(stated, int | float) and abs(width - stated) > WIDTH_TOLERANCE * stated:
+    if isinstance(stated, int | float) and abs(width - stated) > SAME_WIDTH_TOLERANCE * stated:
         raise ExportError(
             f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
             f"{width:g} m wide: allowed is a machine file of that width (--machine)"

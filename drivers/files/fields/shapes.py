@@ -22,7 +22,7 @@ from topdress.drivers.files.ogr import DRIVER_OF_ENDING, write_layer
 
 # Share of a polygon's area within another polygon from which it counts as a hole, because drawn
 # edges overlap a little.
-MIN_HOLE_SHARE = 0.999
+MIN_CONTAINED_AREA_SHARE = 0.999
 
 
 def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
@@ -174,7 +174,9 @@ def _is_inside_outline(outer: Any, shape: Any) -> bool:
     """Returns whether a shape is inside of another; False where GEOS cannot intersect them because
     edges cross."""
     try:
-        return bool(shapely.intersection(outer, shape).area >= MIN_HOLE_SHARE * shape.area)
+        return bool(
+            shapely.intersection(outer, shape).area >= MIN_CONTAINED_AREA_SHARE * shape.area
+        )
     except shapely.errors.GEOSException:
         return False
 

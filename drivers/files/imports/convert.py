@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COMMANDS_HELD, TEXT_COLUMNS
+from topdress.control.log_row import COMMANDS_HELD_EVENT, TEXT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.recordings.times import mend_times
@@ -56,9 +56,9 @@ SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 # Below this speed, m/s, the machine stands and a flow is no rate.
 MIN_MOVING_MPS = 0.05
 # Number of digits kept of a converted number: more than a file has, fewer than a double has.
-KEPT_DIGITS = 12
+CONVERTED_NUMBER_DIGITS = 12
 # Share of cells that are no numbers, above which the import file names the wrong column.
-_MAX_BAD_SHARE = 0.5
+_MAX_NON_NUMBER_SHARE = 0.5
 _LINE_BREAKS = re.compile(r"[\r\n]+")
 
 
@@ -158,7 +158,7 @@ def _convert_column(
         )
     if found.bad:
         # An extra column may hold texts.
-        if name.startswith(EXTRA_COLUMN_PREFIX) and found.bad > _MAX_BAD_SHARE * cells.size:
+        if name.startswith(EXTRA_COLUMN_PREFIX) and found.bad > _MAX_NON_NUMBER_SHARE * cells.size:
             return _clean_texts(cells, missing)
         _report_bad_cells(raw, column.source, found, findings)
     # Limits apply to the file's own numbers, before scale and unit.
@@ -177,10 +177,10 @@ def _convert_column(
 
 
 def _round_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns numbers (n,) rounded to `KEPT_DIGITS` digits, halves away from zero."""
+    """Returns numbers (n,) rounded to `CONVERTED_NUMBER_DIGITS` digits, halves away from zero."""
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         # The logarithm of 0 is infinite; the last line keeps such values.
-        per_digit = 10.0 ** (KEPT_DIGITS - 1 - np.floor(np.log10(np.abs(values))))
+        per_digit = 10.0 ** (CONVERTED_NUMBER_DIGITS - 1 - np.floor(np.log10(np.abs(values))))
         scaled = values * per_digit
         rounded = np.copysign(np.floor(np.abs(scaled) + 0.5), scaled) / per_digit
     return np.where(np.isfinite(scaled) & (values != 0.0), rounded, values)
@@ -210,7 +210,7 @@ def _report_bad_cells(
     """Adds a finding about cells that are no numbers. Raises LogImportError where most are none."""
     where = f"row {raw.first_row + found.row}"
     # Many such cells mean that the import file names the wrong column.
-    if found.bad > _MAX_BAD_SHARE * found.values.size:
+    if found.bad > _MAX_NON_NUMBER_SHARE * found.values.size:
         raise LogImportError(
             raw.path,
             f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
@@ -418,4 +418,4 @@ def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
             is_held = name in (*constants, STATE_COLUMN)
             before = column[:1] if is_held else make_unknown_like(column, 1)
             longer[name] = np.concatenate((before, column))
-    return {**longer, EVENTS_COLUMN: make_text_column([COMMANDS_HELD, *stated.tolist()])}
+    return {**longer, EVENTS_COLUMN: make_text_column([COMMANDS_HELD_EVENT, *stated.tolist()])}

@@ -83,7 +83,7 @@ RATE_DDIS = (1, 2, 6, 7, 36, 37, 41, 42)
 WIDTH_DDIS = (67, 70)
 # Relative difference up to which presentation and dictionary agree, because presentations are
 # rounded.
-AGREEMENT_SHARE = 0.01
+PRESENTATION_TOLERANCE = 0.01
 
 
 def read_device_elements(root: Element) -> dict[str, DeviceElement]:
@@ -178,7 +178,7 @@ def find_contradiction(ddi: int | None, part: DeviceElement | None) -> NumberMea
         return None
     # The ratio of the displayed step to the step of the dictionary.
     as_shown = shown.scale * unit.factor / (by_book.step * own.factor)
-    if abs(as_shown - 1.0) <= AGREEMENT_SHARE and shown.offset == 0.0:
+    if abs(as_shown - 1.0) <= PRESENTATION_TOLERANCE and shown.offset == 0.0:
         return None
     return NumberMeaning(by_book.name, shown.unit, shown.scale, shown.offset * shown.scale)
 

@@ -41,7 +41,7 @@ from topdress.drivers.files.imports.guess_columns import (
 from topdress.drivers.files.imports.guess_result import (
     COMMAND_PAIRS,
     ColumnCandidate,
-    Doubt,
+    ImportDoubt,
     ImportGuess,
 )
 from topdress.drivers.files.imports.guess_time import guess_times
@@ -58,10 +58,10 @@ MAX_TESTED_ROWS = 50_000
 # Range of the ratio of wheel speed to ground speed, on any ground.
 WHEEL_TO_GROUND_RATIO_RANGE = (0.7, 1.6)
 # Relative difference of command and reading up to which both have the same unit.
-SAME_UNIT_SHARE = 0.1
+SAME_UNIT_TOLERANCE = 0.1
 # Share of the largest value by which readings may leave their range, because readings about zero
 # are noisy.
-RANGE_NOISE_SHARE = 0.02
+RANGE_EXCESS_TOLERANCE = 0.02
 # Range of the median time between rows, s, from the fastest logger of a drive to the slowest
 # logger.
 MIN_ROW_STEP_S, MAX_ROW_STEP_S = 5e-5, 60.0
@@ -86,7 +86,7 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
     # Unusable times make all further tests meaningless, so the check ends with this doubt.
     except TableError as trouble:
         out.doubts.append(
-            Doubt(("time",), _describe_too_close(raw, out) or str(trouble).splitlines()[0])
+            ImportDoubt(("time",), _describe_too_close(raw, out) or str(trouble).splitlines()[0])
         )
         return
     time_s = (tried.columns[TIME_US_COLUMN] - tried.columns[TIME_US_COLUMN][0]) / 1e6
@@ -140,7 +140,7 @@ def _check_row_spacing(time_s: NDArray[np.float64], out: ImportGuess) -> None:
             for span in (float(time_s[-1]), step_s)
         )
         out.doubts.append(
-            Doubt(
+            ImportDoubt(
                 ("time",),
                 f"{whole} s for {len(time_s)} rows, one each {each} s: are the times in "
                 "another unit?",
@@ -187,7 +187,7 @@ def _check_speed_units(
             _take_speed_unit(name, ratio / written.factor, column, out)
         else:
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     key,
                     f"in {written.name}, as the header says, it is {ratio:.2f} times the speed "
                     "between the places",
@@ -203,7 +203,9 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
     fits = identify_unit(ratio, physics.SPEED_FACTORS)
     if fits is None:
         out.doubts.append(
-            Doubt(key, f"it is {ratio:.2f} times the speed between the places: no unit makes that")
+            ImportDoubt(
+                key, f"it is {ratio:.2f} times the speed between the places: no unit makes that"
+            )
         )
         return
     changed = {**out.mapping.columns, name: column.model_copy(update={"unit": fits})}
@@ -219,7 +221,7 @@ def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> 
         if name not in PLAUSIBLE_RANGES or not known.size:
             continue
         low, high = PLAUSIBLE_RANGES[name]
-        noise = RANGE_NOISE_SHARE * np.abs(known).max()
+        noise = RANGE_EXCESS_TOLERANCE * np.abs(known).max()
         outside = known[(known < low - noise) | (known > high + noise)]
         # Single outliers are no evidence against a unit.
         if outside.size > 0.01 * known.size:
@@ -227,7 +229,7 @@ def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> 
                 f"{outside.size} of {known.size} values such as {outside[0]:g} are beyond "
                 f"{low:g} to {high:g}"
             )
-            out.doubts.append(Doubt(("columns", name), f"{text}, which {name} can be"))
+            out.doubts.append(ImportDoubt(("columns", name), f"{text}, which {name} can be"))
 
 
 def _check_commands(
@@ -259,7 +261,7 @@ def _check_commands(
             # A rate may precede its target where the look-ahead is set too long.
             if found.lag < 0 and command in DRIVE_COMMANDS:
                 out.doubts.append(
-                    Doubt(
+                    ImportDoubt(
                         key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"
                     )
                 )
@@ -288,7 +290,7 @@ def _take_answer_in_row(out: ImportGuess, text: str) -> None:
     # Several drives may show it, but the mapping has one rule for all rows.
     if out.mapping.rows != "answer_in_row":
         out.mapping = out.mapping.model_copy(update={"rows": "answer_in_row"})
-        out.doubts.append(Doubt(("rows",), text))
+        out.doubts.append(ImportDoubt(("rows",), text))
 
 
 def _scale_command(command: str, factor: float, bare: bool, most: float, out: ImportGuess) -> None:
@@ -298,12 +300,14 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
     # The scale answers the question about the missing unit.
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
-        out.doubts.append(Doubt(key, "no unit in the header, and the readings do not tell a scale"))
+        out.doubts.append(
+            ImportDoubt(key, "no unit in the header, and the readings do not tell a scale")
+        )
         return
     # A ratio near 1 means that both have the same unit.
-    if not bare or abs(factor - 1.0) < SAME_UNIT_SHARE:
+    if not bare or abs(factor - 1.0) < SAME_UNIT_TOLERANCE:
         out.doubts.append(
-            Doubt(
+            ImportDoubt(
                 key,
                 f"no unit in the header; its readings are {factor:.3g} times as large: taken for "
                 "the same unit",
@@ -325,7 +329,7 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
         command: column.model_copy(update={"scale": float(f"{factor:.4g}")}),
     }
     out.mapping = out.mapping.model_copy(update={"columns": changed})
-    out.doubts.append(Doubt(key, f"no unit in the header: scaled by {factor:.4g}, {why}"))
+    out.doubts.append(ImportDoubt(key, f"no unit in the header: scaled by {factor:.4g}, {why}"))
 
 
 def _check_hopper(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
@@ -337,7 +341,7 @@ def _check_hopper(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> 
         known = hopper[np.isfinite(hopper)]
         if known.size > 20 and np.mean(np.diff(known) > 0.0) > 0.8 and known[-1] > known[0]:
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("columns", "hopper_kg"),
                     "it grows nearly all the time: does it count what was applied?",
                 )
@@ -369,11 +373,11 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
         width_m=raw.width_m,
     )
     out.doubts += [
-        Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER_ID
+        ImportDoubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER_ID
     ]
     out.reasons[("time",)] = time.why
     if time.doubt:
-        out.doubts.append(Doubt(("time",), time.doubt))
+        out.doubts.append(ImportDoubt(("time",), time.doubt))
     used = {time.times.column, time.times.date_column}
     chosen = choose_candidates(find_candidates(raw, used), out)
     columns: dict[str, Column] = {}
@@ -396,7 +400,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
     report_unnamed_drive(raw, out, used)
     if unseen := find_unseen_commands(raw, out, used):
         out.doubts.append(
-            Doubt(
+            ImportDoubt(
                 ("columns",),
                 f"{format_list(unseen, 4)}: by the name a command, and taken for nothing: say "
                 "which drive's it is (shaft_rpm_cmd, opening_mm_cmd), and which column is "
@@ -405,7 +409,9 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
         )
     if not any(name in COLUMNS for name in out.mapping.columns) and "shaft_rpm_cmd" not in out.open:
         out.doubts.append(
-            Doubt(("columns",), "no column was recognised: say which column of the file is which")
+            ImportDoubt(
+                ("columns",), "no column was recognised: say which column of the file is which"
+            )
         )
     return out
 
@@ -453,7 +459,7 @@ def _find_work_column(
         # Several sections may each have a switch, and their states may differ.
         if len(rivals) > 1:
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("working",),
                     f"{len(rivals)} columns say it, and not alike ({format_list(rivals, 4)}): "
                     "which says that the machine works?",
@@ -463,6 +469,8 @@ def _find_work_column(
         out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
         # A lift sensor may be on in either position, so the operator must decide.
         if has_any_word(plain, AMBIGUOUS_SWITCH_WORDS):
-            out.doubts.append(Doubt(("working",), f"{source}: is {on[0]} working, or lifted?"))
+            out.doubts.append(
+                ImportDoubt(("working",), f"{source}: is {on[0]} working, or lifted?")
+            )
         return Working(column=source, equals=(mark,))
     return None

@@ -26,7 +26,7 @@ from topdress.drivers.files.imports.convert import make_extra_name
 from topdress.drivers.files.imports.guess_result import (
     COMMAND_PAIRS,
     ColumnCandidate,
-    Doubt,
+    ImportDoubt,
     ImportGuess,
     ImportKey,
 )
@@ -241,7 +241,7 @@ def choose_candidates(
         ]  # of the same name
         if rivals:
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("columns", target),
                     f"{' and '.join(rivals)} would fit as well as {best.source}",
                 )
@@ -254,7 +254,7 @@ def choose_candidates(
             and not (best.role or best.exact or flow)
         ):
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("columns", target),
                     f"no word says whether {best.source} is what was wanted or "
                     "what was applied: taken for applied",
@@ -262,7 +262,7 @@ def choose_candidates(
             )
         if best.role == "by physics":
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("columns", target),
                     f"no word says that {best.source} is the command: the other column follows it",
                 )
@@ -302,7 +302,7 @@ def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
         )
     if one.unit.name == "%" and quantity is not None:
         out.doubts.append(
-            Doubt(
+            ImportDoubt(
                 key,
                 f"{one.source} is in %: the file does not say what 100 % is in "
                 f"{_find_log_unit(one)}",
@@ -319,7 +319,9 @@ def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
                 one.source, unit=one.unit.name, missing=_find_missing_marks(one)
             )
         out.doubts.append(
-            Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file")
+            ImportDoubt(
+                key, f"{one.source} is a flow: the working width width_m is not in the file"
+            )
         )
         out.open[one.target] = (
             f"{{from: {_quote_yaml(one.source)}, unit: {one.unit.name}}}"
@@ -328,7 +330,7 @@ def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
         return None
     if quantity == "rate" and one.unit.quantity == "volume":
         out.doubts.append(
-            Doubt(
+            ImportDoubt(
                 key,
                 f"{one.source} is a volume: the product's density, density_kg_l, is not in the "
                 "file",
@@ -378,14 +380,16 @@ def _build_without_unit(
         # A quarter turn is 1.57 rad.
         if known.size and np.abs(known).max() < 1.6:
             out.doubts.append(
-                Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})")
+                ImportDoubt(
+                    key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})"
+                )
             )
         return Column.from_source(one.source, unit="deg", missing=missing)
     moving = known[known > MOVING_MPS]
     if quantity == "speed" and moving.size and np.median(moving) > IMPLAUSIBLE_MPS:
         unit = "km/h"
     spread = f"{known.min():g} to {known.max():g}" if known.size else "no values"
-    out.doubts.append(Doubt(key, f"no unit in the header: taken for {unit} ({spread})"))
+    out.doubts.append(ImportDoubt(key, f"no unit in the header: taken for {unit} ({spread})"))
     return Column.from_source(one.source, unit=unit, missing=missing)
 
 
@@ -433,7 +437,7 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
         ]
         if followers:
             out.doubts.append(
-                Doubt(
+                ImportDoubt(
                     ("columns",),
                     f"{', '.join(followers[:6])} follow{'s' * (len(followers) == 1)} "
                     f"{command}: is that the command of a drive and this its reading?",

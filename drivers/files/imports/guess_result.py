@@ -28,7 +28,7 @@ COMMAND_PAIRS = (
 )
 
 
-class Doubt(NamedTuple):
+class ImportDoubt(NamedTuple):
     """Holds a doubt. `key` is the key of the import file, `text` the reason of the doubt."""
 
     key: ImportKey
@@ -45,7 +45,7 @@ class ImportGuess:
     the machine file, in the log's unit."""
 
     mapping: ImportFile
-    doubts: list[Doubt] = field(default_factory=list)
+    doubts: list[ImportDoubt] = field(default_factory=list)
     reasons: dict[ImportKey, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)

@@ -71,7 +71,7 @@ _DAY_PART = re.compile("%[dmy]")
 # Number of rows that are examined.
 _SAMPLE_ROWS = 2000
 # Share of the texts that a format must read.
-_MIN_READ_SHARE = 0.95
+_MIN_PARSED_TEXT_SHARE = 0.95
 # Longest interval of a machine's log, s; integers with larger steps are milliseconds.
 _MAX_LOG_STEP_S = 60.0
 # Smallest step of integers that are probably milliseconds.
@@ -302,7 +302,7 @@ def _is_readable_as(texts: NDArray[Any], form: str | None) -> bool:
     try:
         us = read_time_texts(texts, form, None).us
         count = int(((us >= _EARLIEST_US) & (us <= _LATEST_US)).sum())
-        return texts.size > 0 and count >= _MIN_READ_SHARE * texts.size
+        return texts.size > 0 and count >= _MIN_PARSED_TEXT_SHARE * texts.size
     except TableError:
         return False
 

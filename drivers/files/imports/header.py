@@ -37,7 +37,7 @@ _UNIT_ENDING = re.compile(
     r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I
 )
 # Share of the cells of a header or a row of data that are filled.
-_MIN_FILLED_SHARE = 0.5
+_MIN_FILLED_CELL_SHARE = 0.5
 
 
 class TableLayout(NamedTuple):
@@ -105,7 +105,7 @@ def find_table_layout(rows: Sequence[Sequence[str]]) -> TableLayout | None:
         k
         for k in range(body)
         if len(rows[k]) == width
-        and (_count_filled(rows[k]) > _MIN_FILLED_SHARE * width or is_unit_row(rows[k]))
+        and (_count_filled(rows[k]) > _MIN_FILLED_CELL_SHARE * width or is_unit_row(rows[k]))
     ]
     near = [
         k
@@ -127,7 +127,7 @@ def is_unit_row(row: Sequence[str]) -> bool:
         return False
     units = [cell for cell in cells if find_named_unit(cell) is not None]
     nothing = [cell for cell in cells if cell.strip("()[]- 1") == ""]
-    return bool(units) and len(units) + len(nothing) > _MIN_FILLED_SHARE * len(cells)
+    return bool(units) and len(units) + len(nothing) > _MIN_FILLED_CELL_SHARE * len(cells)
 
 
 def _find_usual_width(rows: Sequence[Sequence[str]]) -> int:

@@ -25,7 +25,7 @@ MIN_COMMAND_CHANGES = 8
 MIN_CORRELATION = 0.3
 # Share of the best correlation above which a lag counts as equal. Repeating commands agree at many
 # lags, and the shortest lag is chosen.
-EQUAL_CORRELATION_SHARE = 0.98
+EQUAL_LAG_CORRELATION_SHARE = 0.98
 # Number of known rows from which a command may be a table of settings.
 MIN_SETTING_ROWS = 4
 
@@ -75,7 +75,11 @@ def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
     strengths = {lag: _calc_correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
     lag = min(
-        (one for one, strength in strengths.items() if strength >= EQUAL_CORRELATION_SHARE * best),
+        (
+            one
+            for one, strength in strengths.items()
+            if strength >= EQUAL_LAG_CORRELATION_SHARE * best
+        ),
         key=abs,
         default=0,
     )

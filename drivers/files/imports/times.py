@@ -54,7 +54,7 @@ _FORMAT_PARTS = re.compile(r"%\.?[A-Za-z]")
 # Number of digits of each part of a format without separators.
 _PART_DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
 # Share of readable times below which the format is wrong.
-_MIN_GOOD_SHARE = 0.5
+_MIN_READABLE_TIME_SHARE = 0.5
 
 Floats = NDArray[np.float64]
 
@@ -294,7 +294,7 @@ def _find_zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
 def _check_read_times(table: RawTable, times: Times, us: Floats) -> None:
     """Refuses times of which most cannot be read. Raises LogImportError."""
     unknown = np.isnan(us)
-    if (~unknown).sum() > _MIN_GOOD_SHARE * us.size:
+    if (~unknown).sum() > _MIN_READABLE_TIME_SHARE * us.size:
         return
     assert times.column is not None
     row = int(np.flatnonzero(unknown)[0])

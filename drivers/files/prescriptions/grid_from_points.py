@@ -59,14 +59,14 @@ SAME_PLACE_M = 0.01
 # Share of a cell by which a point may deviate from its centre, because degrees are rounded.
 MAX_CENTRE_OFFSET_CELLS = 0.25
 # Share of the nearest points' distance above which a step leads to the next row.
-MIN_ROW_STEP_SHARE = 0.3
+NEXT_ROW_DISTANCE_SHARE = 0.3
 # Share of the points that must have a neighbour in their row, and in their column.
-MIN_NEIGHBOUR_SHARE = 0.8
+MIN_SHARE_WITH_NEIGHBOURS = 0.8
 # Radius in cells around the middle on which the grid is fitted first; the radius doubles in each
 # round.
 FIRST_FIT_RADIUS_CELLS = 4.0
 # Ratio of length to width of a cell above which the points are tracks of a machine.
-MAX_CELL_RATIO = 10.0
+MAX_CELL_LENGTH_TO_WIDTH = 10.0
 
 
 class PointGrid(NamedTuple):
@@ -352,7 +352,7 @@ def _find_row_spacing(along: Floats, apart: float) -> float:
     """Returns the distance between rows, m, of positions (n,) along an axis."""
     steps = np.diff(np.sort(along))
     # Small steps are the rounding of positions within one row.
-    rows = steps[steps > MIN_ROW_STEP_SHARE * apart]
+    rows = steps[steps > NEXT_ROW_DISTANCE_SHARE * apart]
     if not len(rows):
         raise NoGridError("all points lie in one row")
     return float(np.median(rows))
@@ -373,7 +373,7 @@ def _fit_grid_axes(
 def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> None:
     """Refuses cells that are long, shared or scattered. Raises NoGridError."""
     # Long cells come from the track of a machine, not from a map.
-    if max(wide, high) > MAX_CELL_RATIO * min(wide, high):
+    if max(wide, high) > MAX_CELL_LENGTH_TO_WIDTH * min(wide, high):
         raise NoGridError("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}
     if len(there) < len(cells):
@@ -383,7 +383,7 @@ def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> Non
     for i, j in ((1, 0), (0, 1)):
         # Scattered points may fit a grid by chance, but they have no neighbours.
         joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
-        if joined < MIN_NEIGHBOUR_SHARE * len(there):
+        if joined < MIN_SHARE_WITH_NEIGHBOURS * len(there):
             raise NoGridError(
                 "{count} of {total} points have none next to them",
                 count=len(there) - joined,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.noa import CropRule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merge_zones
 from topdress.drivers.files.archives import choose_names, open_archive
@@ -183,7 +183,7 @@ def _report_unused_shapes(read: ImportedMap, shapes: list[ShapeSet]) -> Imported
     return replace(read, findings=(*read.findings, unused))
 
 
-def choose_index_column(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
+def choose_index_column(choice: RateChoice, rule: CropRule, where: str) -> RateChoice:
     """Returns the choice that reads the index's column as plain numbers. Raises
     PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
@@ -233,7 +233,7 @@ def _require_zones(read: ImportedMap) -> None:
         )
 
 
-def apply_canopy_rule(read: ImportedMap, rule: Rule) -> ImportedMap:
+def apply_canopy_rule(read: ImportedMap, rule: CropRule) -> ImportedMap:
     """Returns the prescription with the rate, kg/ha, that the rule gives for each zone's index.
     Raises PrescriptionError for a grid."""
     data = read.data

@@ -8,8 +8,8 @@ from typing import Any
 
 from topdress.console.app.pages.calibrate.catch_test import CatchPoint
 from topdress.console.app.pages.calibrate.service import (
-    Calibrated,
     CalibrateService,
+    CalibrationResult,
     CurvePoint,
     Estimate,
     LagTable,
@@ -35,13 +35,13 @@ TABLES = (
 REJECTED = (("bad_crc", 3), ("overlong", 1))
 
 
-def _catch(points: Sequence[CatchPoint]) -> Calibrated:
+def _catch(points: Sequence[CatchPoint]) -> CalibrationResult:
     if len(points) < 3:
         raise ValueError(f"{len(points)} catches: at least 3 are needed")
     line = tuple(
         CurvePoint(mm, GRAMS * mm, 0.98 * GRAMS * mm, 1.02 * GRAMS * mm) for mm in range(20, 51, 2)
     )
-    return Calibrated(
+    return CalibrationResult(
         "catch",
         (
             Estimate("grams_per_rev_mm", 5.4972, 5.4713, 5.5231, "g/rev/mm", 4),
@@ -57,12 +57,12 @@ def _catch(points: Sequence[CatchPoint]) -> Calibrated:
     )
 
 
-def _lag(path: str, label: str | None) -> Calibrated:
+def _lag(path: str, label: str | None) -> CalibrationResult:
     line = tuple(
         CurvePoint(rpm, 2.212 - 0.0083 * rpm, 2.152 - 0.0083 * rpm, 2.272 - 0.0083 * rpm)
         for rpm in range(10, 71, 5)
     )
-    return Calibrated(
+    return CalibrationResult(
         "lag",
         (
             Estimate("slope", -0.0083, -0.0091, -0.0075, "s per r/min", 5),
@@ -78,14 +78,14 @@ def _lag(path: str, label: str | None) -> Calibrated:
     )
 
 
-def _wheel(samples: Sequence[WheelSample]) -> Calibrated:
-    return Calibrated(
+def _wheel(samples: Sequence[WheelSample]) -> CalibrationResult:
+    return CalibrationResult(
         "wheel", (Estimate("circumference", 2.4868, 2.4849, 2.4887, "m", 4),), source=tuple(samples)
     )
 
 
-def _effort(path: str) -> Calibrated:
-    return Calibrated(
+def _effort(path: str) -> CalibrationResult:
+    return CalibrationResult(
         "effort",
         (
             Estimate("coulomb", 8.11, 7.6, 8.62, "%", 4),
@@ -96,7 +96,7 @@ def _effort(path: str) -> Calibrated:
     )
 
 
-def _save(fitted: Calibrated, name: str) -> str:
+def _save(fitted: CalibrationResult, name: str) -> str:
     if name == "taken":
         raise ValueError("machines/taken.yaml: exists already: nothing is overwritten")
     return f"machines/{name}.yaml"

@@ -13,7 +13,7 @@ from topdress.console.app.pages.diagnosis.service import (
     AdoptionOffer,
     CauseCurves,
     ComparedRow,
-    ComparedShown,
+    ComparisonView,
     DiagnosisSource,
     DiagnosisView,
     ExportKind,
@@ -283,10 +283,10 @@ class MadeUpDiagnosis:
 
     def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
-    ) -> ComparedShown:
+    ) -> ComparisonView:
         self.asked.append(f"compare {machine} {source.name}")
         self._work(tell, stop)
-        return ComparedShown(
+        return ComparisonView(
             (
                 ComparedRow("shaft", "r/min", 1.92, 0.29, 1.5, 1.8),
                 ComparedRow("gate", "mm", 0.1, 0.1, 0.0, 0.0),

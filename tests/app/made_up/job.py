@@ -24,7 +24,7 @@ from topdress.console.app.pages.job.service import (
     RecentSet,
 )
 from topdress.console.app.source import FrameSource
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.field.job import make_rule
 from topdress.control.machine.machine import Adopted
 from topdress.control.targets.map_check import MapCheck
@@ -170,7 +170,7 @@ class SampleJobService:
     def drop_choices(self) -> None:
         self.asked.append(("drop",))
 
-    def save_strip_value(self, strip: StripValue) -> str:
+    def save_strip_value(self, strip: StripMean) -> str:
         self.asked.append(("strip", strip.which, f"{strip.ndvi:.3f}"))
         self._fail()
         return "jobs/division-2-strip.yaml"

@@ -8,14 +8,14 @@ from math import cos, floor, sin
 from random import Random
 
 import numpy as np
-from topdress.console.app.coverage_raster import Spot, WorkedGround
+from topdress.console.app.coverage_raster import OutletSpot, WorkedGround
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.overlay_file import OverlayFile
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
-from topdress.console.frame import DeviceView, Frame, Tally
+from topdress.console.frame import DeviceView, Frame, JobCounts
 from topdress.control.field.totals import Totaliser
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Severity
@@ -138,7 +138,7 @@ def run_frames(
                 effort=EffortFinding(
                     mean=58.0 + random.gauss(0, 0.2), should=57.5, low=53.0, high=62.0, unit="%"
                 ),
-                tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z"),
+                tally=JobCounts(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z"),
             )
         )
     return frames
@@ -186,7 +186,7 @@ def sample_field() -> FieldPicture:
 
 
 class SampleLayers:
-    """`console.app.pages.map.service.LayerFiles`: one file that was applied crosswise, and one
+    """`console.app.pages.map.service.OverlayFiles`: one file that was applied crosswise, and one
     that is none."""
 
     def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
@@ -202,7 +202,7 @@ class SampleLayers:
         for lap in range(11):
             worked.add_spots(
                 [
-                    Spot(
+                    OutletSpot(
                         60.0 * along,
                         6.0 * lap,
                         90.0,

@@ -10,8 +10,8 @@ from topdress.console.app import frame_words
 from topdress.console.app.pages.calibrate.curve_plot import CurveView
 from topdress.console.app.pages.calibrate.guide_panel import GuideStep, GuideView
 from topdress.console.app.pages.calibrate.progress_rows import ProgressRow
-from topdress.console.app.pages.calibrate.service import Calibrated, Estimate
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.pages.calibrate.service import CalibrationResult, Estimate
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.frame import Frame
 from topdress.console.locale import N_, _
 from topdress.control.orders import Order
@@ -53,7 +53,7 @@ AXIS_NAMES = {
 }
 
 
-class FrameSeen(NamedTuple):
+class FrameWithAge(NamedTuple):
     """Holds the newest frame, its age in s, and the console's clock in s."""
 
     frame: Frame | None
@@ -76,7 +76,7 @@ class FrameSeen(NamedTuple):
         return self.state in ("ready", "calibrating")
 
 
-KeyAction = Callable[[FrameSeen], object]
+KeyAction = Callable[[FrameWithAge], object]
 
 
 class Calibration:
@@ -99,25 +99,25 @@ class Calibration:
 
     def __init__(self, page: CalibrateScreen, deeds: Mapping[str, KeyAction]) -> None:
         self.page, self.key_actions = page, deeds
-        self.fitted: Calibrated | None = None
+        self.fitted: CalibrationResult | None = None
         self.saved = ""
 
-    def take_frame(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameWithAge) -> None:
         """Process a new frame."""
 
     def list_set_points(self) -> Sequence[Order]:
         """Return the orders for shaft and gate at the beginning of a held run."""
         return ()
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         """Return the steps of the guide."""
         raise NotImplementedError
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         """Return the index of the step to do now."""
         raise NotImplementedError
 
-    def make_guide(self, seen: FrameSeen, said: str) -> GuideView:
+    def make_guide(self, seen: FrameWithAge, said: str) -> GuideView:
         """Return the guide for the screen."""
         return GuideView(
             _(self.heading),
@@ -127,11 +127,11 @@ class Calibration:
             self.describe_result(),
         )
 
-    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+    def explain_standstill(self, seen: FrameWithAge, said: str) -> str:
         """Return why the calibration does not proceed, in words; `said` is the worker's refusal."""
         return "" if seen.frame is not None else _("No machine is connected.")
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         """Return the rows of the measurement in progress."""
         return ()
 
@@ -139,11 +139,11 @@ class Calibration:
         """Return the measured curve, or None without a curve."""
         return None
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         """Return the keys of this calibration, with those that can be pressed now."""
         raise NotImplementedError
 
-    def take_result(self, fitted: Calibrated) -> None:
+    def take_result(self, fitted: CalibrationResult) -> None:
         """Adopt a new result, which is not saved yet."""
         self.fitted, self.saved = fitted, ""
 
@@ -171,11 +171,11 @@ class Calibration:
             rows.append(_("use it with: topdress run --config FILE"))
         return tuple(rows)
 
-    def make_save_chip(self) -> Chip:
+    def make_save_chip(self) -> ActionChip:
         """Return the key that saves the result."""
         # A result is saved once.
         on = self.fitted is not None and not self.saved and not self.page.busy
-        return Chip("cal_save", "E", _("save as new"), on, lead=on)
+        return ActionChip("cal_save", "E", _("save as new"), on, lead=on)
 
 
 class HeldRun(Calibration):
@@ -183,7 +183,7 @@ class HeldRun(Calibration):
 
     holds = True
 
-    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+    def explain_standstill(self, seen: FrameWithAge, said: str) -> str:
         """Return why a held run does not proceed: a refusal, or an interlock that stops the
         shaft."""
         if said:
@@ -224,7 +224,10 @@ def format_estimate(one: Estimate) -> str:
 
 
 def make_curve(
-    fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str
+    fitted: CalibrationResult | None,
+    points: tuple[tuple[float, float], ...],
+    x_name: str,
+    y_name: str,
 ) -> CurveView:
     """Return the measured points, with the fitted line where a result exists."""
     if fitted is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.calibrate.calibration import (
-    FrameSeen,
+    FrameWithAge,
     HeldRun,
     KeyAction,
     make_curve,
@@ -31,7 +31,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
 )
 from topdress.console.app.panel_views import MAX_FRESH_AGE_S
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.locale import N_, _
 from topdress.control.orders import Do, Order
 
@@ -70,7 +70,7 @@ class CatchCalibration(HeldRun):
             service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0
         )
 
-    def take_frame(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameWithAge) -> None:
         frame = seen.frame
         if frame is None:
             return
@@ -94,7 +94,7 @@ class CatchCalibration(HeldRun):
             Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm),
         )
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         test = self.test
         if self.fitted is not None or (
             len(test.points) >= MIN_CATCHES
@@ -110,7 +110,7 @@ class CatchCalibration(HeldRun):
             return 1
         return 3 if test.can_weigh and not seen.is_calibrating else 2
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         # The guide counts down the catches that are still needed.
         rest = max(0, MIN_CATCHES - len(self.test.points))
         return (
@@ -150,7 +150,7 @@ class CatchCalibration(HeldRun):
             ),
         )
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
         old = seen.age_s > MAX_FRESH_AGE_S or row is None
         shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
@@ -225,20 +225,20 @@ class CatchCalibration(HeldRun):
             "g per turn",
         )
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         test, step, free = self.test, self.find_step(seen), not seen.is_calibrating
         enough = len(test.points) >= MIN_CATCHES
         return (
-            Chip("cal_ready", "R", _("make ready"), not seen.is_ready, lead=step == 0),
-            Chip("cal_shaft", "Q1", _("shaft speed"), free),
-            Chip("cal_opening", "Q2", _("opening"), free),
-            Chip(
+            ActionChip("cal_ready", "R", _("make ready"), not seen.is_ready, lead=step == 0),
+            ActionChip("cal_shaft", "Q1", _("shaft speed"), free),
+            ActionChip("cal_opening", "Q2", _("opening"), free),
+            ActionChip(
                 "cal_run", "I", _("run while held"), seen.is_ready, lead=step in (1, 2), held=True
             ),
-            Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
-            Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
-            Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
-            Chip(
+            ActionChip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
+            ActionChip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
+            ActionChip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
+            ActionChip(
                 "cal_fit",
                 "Q5",
                 _("fit"),
@@ -251,7 +251,7 @@ class CatchCalibration(HeldRun):
     def _refuse_while_turning(self, do: Callable[[], object]) -> KeyAction:
         """Return a key's action that refuses to run while the shaft turns."""
 
-        def run_if_standing(seen: FrameSeen) -> None:
+        def run_if_standing(seen: FrameWithAge) -> None:
             if seen.is_calibrating:
                 self.page.app.show_notice(_("let go first: the shaft turns"))
             else:

@@ -7,10 +7,10 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameWithAge
 from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import LineRow, ProgressRow
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ class EffortCalibration(Calibration):
     def __init__(self, page: CalibrateScreen) -> None:
         super().__init__(page, {"cal_fit": self._fit_effort})
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         # The machine works meanwhile, so there is nothing to follow step by step.
         return 0 if self.fitted is None else 1
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         return (
             GuideStep(
                 _("work"),
@@ -53,7 +53,7 @@ class EffortCalibration(Calibration):
             ),
         )
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         if seen.frame is None:
             return ()
         row = seen.frame.row
@@ -69,14 +69,14 @@ class EffortCalibration(Calibration):
             ),
         )
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         # The fit reads the log of the run, so a log must exist.
         on = seen.frame is not None and bool(seen.frame.log_path) and not self.page.busy
-        return Chip(
+        return ActionChip(
             "cal_fit", "Q5", _("fit"), on, lead=on and self.fitted is None
         ), self.make_save_chip()
 
-    def _fit_effort(self, seen: FrameSeen) -> None:
+    def _fit_effort(self, seen: FrameWithAge) -> None:
         """Fit the effort of the drives to the log of this run, in a thread."""
         service, path = (
             self.page.required_service,

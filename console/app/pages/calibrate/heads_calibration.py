@@ -9,7 +9,7 @@ from math import sqrt
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameWithAge
 from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import (
     BarRow,
@@ -18,7 +18,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
     ProgressRow,
     RowLevel,
 )
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class HeadsCalibration(Calibration):
         super().__init__(page, {"cal_begin": self._begin_check})
         self.check = HeadsCheck()
 
-    def take_frame(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameWithAge) -> None:
         frame = seen.frame
         if frame is not None:
             row = frame.row
@@ -180,10 +180,10 @@ class HeadsCalibration(Calibration):
             )
             self.check.add_frame(frame.row.time_s, ndvi)
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         return 0 if self.check.started_s is None else 1 if self.check.is_running else 2
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         return (
             GuideStep(
                 _("drive"),
@@ -213,7 +213,7 @@ class HeadsCalibration(Calibration):
         )
         return advice or (_("all heads agree"),)
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         check = self.check
         seconds = min(check.seconds, CHECK_DURATION_S)
         rows: list[ProgressRow] = [
@@ -241,13 +241,15 @@ class HeadsCalibration(Calibration):
             )
         return tuple(rows)
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         label = _("begin again") if self.check.started_s is not None else _("begin")
         return (
-            Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.is_running),
+            ActionChip(
+                "cal_begin", "B", label, seen.frame is not None, lead=not self.check.is_running
+            ),
         )
 
-    def _begin_check(self, seen: FrameSeen) -> None:
+    def _begin_check(self, seen: FrameWithAge) -> None:
         """Start the check."""
         if seen.frame is not None:
             self.check.start_check(seen.frame.row.time_s)

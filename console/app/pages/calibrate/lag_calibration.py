@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.name_dialog import NameDialog
-from topdress.console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
+from topdress.console.app.pages.calibrate.calibration import FrameWithAge, HeldRun, make_curve
 from topdress.console.app.pages.calibrate.curve_plot import CurveView
 from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import (
@@ -19,7 +19,7 @@ from topdress.console.app.pages.calibrate.progress_rows import (
     ProgressRow,
 )
 from topdress.console.app.pages.calibrate.service import LagTable
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.frame import LagTestView
 from topdress.console.locale import N_, _
 
@@ -62,7 +62,7 @@ class LagCalibration(HeldRun):
         self.label: str | None = None
         self.test: LagTestView | None = None
 
-    def take_frame(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameWithAge) -> None:
         """Process a frame. Measured runs remain, also if the test ends before all are measured."""
         # The worker sends the test in every frame while it exists.
         now = seen.frame.lag_test if seen.frame else None
@@ -72,7 +72,7 @@ class LagCalibration(HeldRun):
             self.test = self.test._replace(phase=ENDED_PHASE) if self.test.runs else None
 
     @staticmethod
-    def has_rig(seen: FrameSeen) -> bool:
+    def has_rig(seen: FrameWithAge) -> bool:
         """Return whether the machine has a lag rig."""
         return seen.frame is not None and any(
             # A rig in the cab file is a device like any other.
@@ -91,7 +91,7 @@ class LagCalibration(HeldRun):
         scatter."""
         return self.test is not None and len({run[0] for run in self.test.runs}) >= 3
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         if self.fitted is not None or (self.table is not None and not self.is_measuring):
             return 3
         # Before the first run the operator chooses between rig and table.
@@ -102,7 +102,7 @@ class LagCalibration(HeldRun):
             return 3 if self.has_enough_runs else 0
         return 1 if not seen.is_ready else 2
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         begin = (
             _("B begins the test on the rig. Or J: a bench table measured before.")
             if self.has_rig(seen)
@@ -131,11 +131,11 @@ class LagCalibration(HeldRun):
             ),
         )
 
-    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+    def explain_standstill(self, seen: FrameWithAge, said: str) -> str:
         # A table needs no turning shaft, so nothing is explained then.
         return super().explain_standstill(seen, said) if self.is_measuring or said else ""
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         rows: list[ProgressRow] = []
         test = self.test
         if test is not None:
@@ -181,27 +181,29 @@ class LagCalibration(HeldRun):
             "lag s",
         )
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         step, rig = self.find_step(seen), self.has_rig(seen)
         # A fit needs a table, or enough runs of a finished test.
         source = self.table is not None or (self.has_enough_runs and not self.is_measuring)
         return (
-            Chip(
+            ActionChip(
                 "cal_begin",
                 "B",
                 _("end the test") if self.is_measuring else _("begin on the rig"),
                 rig,
                 lead=step == 0 and rig,
             ),
-            Chip(
+            ActionChip(
                 "cal_table",
                 "J",
                 _("bench table"),
                 not seen.is_calibrating,
                 lead=step == 0 and not rig,
             ),
-            Chip("cal_ready", "R", _("make ready"), not seen.is_ready and rig, lead=step == 1),
-            Chip(
+            ActionChip(
+                "cal_ready", "R", _("make ready"), not seen.is_ready and rig, lead=step == 1
+            ),
+            ActionChip(
                 "cal_run",
                 "I",
                 _("run while held"),
@@ -209,7 +211,7 @@ class LagCalibration(HeldRun):
                 lead=step == 2,
                 held=True,
             ),
-            Chip(
+            ActionChip(
                 "cal_fit",
                 "Q5",
                 _("fit"),
@@ -219,7 +221,7 @@ class LagCalibration(HeldRun):
             self.make_save_chip(),
         )
 
-    def _toggle_lag_test(self, seen: FrameSeen) -> None:
+    def _toggle_lag_test(self, seen: FrameWithAge) -> None:
         """Begin the lag test on the rig, or end the test in progress."""
         # The key is visible without a rig, so its notice explains what is missing.
         if not self.has_rig(seen):

@@ -20,7 +20,7 @@ from topdress.console.app.action import CALIBRATE, make_bindings
 from topdress.console.app.held_key import HeldKey
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.base_page import Page
-from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameWithAge
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
 from topdress.console.app.pages.calibrate.curve_plot import CurvePlot, CurveView
 from topdress.console.app.pages.calibrate.effort_calibration import EffortCalibration
@@ -242,11 +242,11 @@ class CalibrateScreen(Page):
         assert self.service is not None
         return self.service
 
-    def make_frame_seen(self) -> FrameSeen:
+    def make_frame_seen(self) -> FrameWithAge:
         """Return the newest frame with its age and the clock."""
         now_s = self.app.clock()
         frame, age_s = self.find_frame(now_s)
-        return FrameSeen(frame, age_s, now_s)
+        return FrameWithAge(frame, age_s, now_s)
 
     def watch_hold(self) -> None:
         """Send and end held orders, independently of how slowly the screen is drawn."""
@@ -256,7 +256,7 @@ class CalibrateScreen(Page):
         self.runner.send_due(self.app.clock(), self.calibration.list_set_points())
 
     def gather_frame(self, frame: Frame) -> None:
-        seen = FrameSeen(frame, 0.0, self.app.clock())
+        seen = FrameWithAge(frame, 0.0, self.app.clock())
         # Every calibration receives the frame: a heads check continues while another tab is open.
         for calibration in self.calibrations:
             calibration.take_frame(seen)

@@ -52,7 +52,7 @@ class CurvePoint(NamedTuple):
     high: float
 
 
-class Calibrated(NamedTuple):
+class CalibrationResult(NamedTuple):
     """Holds the result of a calibration.
 
     Attributes
@@ -122,13 +122,13 @@ class CalibrateService:
     most_kg: float
     expected_kg: Callable[[float, float, float], float]
     # The functions run in a thread and may take seconds.
-    fit_catch: Callable[[Sequence[CatchPoint]], Calibrated]
+    fit_catch: Callable[[Sequence[CatchPoint]], CalibrationResult]
     lag_tables: Callable[[], Sequence[LagTable]]
     open_lag_table: Callable[[str], LagTable]
-    fit_lag: Callable[[str, str | None], Calibrated]
-    fit_wheel: Callable[[Sequence[WheelSample]], Calibrated]
+    fit_lag: Callable[[str, str | None], CalibrationResult]
+    fit_wheel: Callable[[Sequence[WheelSample]], CalibrationResult]
     # Argument: path of the run log.
-    fit_effort: Callable[[str], Calibrated]
-    save: Callable[[Calibrated, str], str]
+    fit_effort: Callable[[str], CalibrationResult]
+    save: Callable[[CalibrationResult, str], str]
     # Returns a free name for a new machine file of this kind of calibration.
     name_for: Callable[[str], str]

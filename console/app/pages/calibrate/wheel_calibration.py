@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from topdress.console.app import frame_words
-from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameWithAge
 from topdress.console.app.pages.calibrate.catch_test import MIN_TURNING_RPM
 from topdress.console.app.pages.calibrate.guide_panel import GuideStep
 from topdress.console.app.pages.calibrate.progress_rows import BarRow, LineRow, ProgressRow
 from topdress.console.app.pages.calibrate.wheel_drive import MIN_DRIVE_M, WheelRun, WheelSample
 from topdress.console.app.panel_views import MAX_FRESH_AGE_S
-from topdress.console.app.widgets.action_chips import Chip
+from topdress.console.app.widgets.action_chips import ActionChip
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class WheelCalibration(Calibration):
         super().__init__(page, {"cal_begin": lambda _seen: self._toggle_drive()})
         self.run = WheelRun()
 
-    def take_frame(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameWithAge) -> None:
         frame = seen.frame
         if frame is None:
             return
@@ -60,13 +60,13 @@ class WheelCalibration(Calibration):
             else None
         )
 
-    def find_step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameWithAge) -> int:
         # The steps follow the drive, not the machine: no shaft turns here.
         if self.run.running:
             return 1
         return 2 if self.fitted is not None else 0
 
-    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameWithAge) -> tuple[GuideStep, ...]:
         enough = self.run.running and self.run.is_long_enough
         return (
             GuideStep(
@@ -87,7 +87,7 @@ class WheelCalibration(Calibration):
             GuideStep(_("save"), _("E saves the circumference as a new machine file.")),
         )
 
-    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+    def explain_standstill(self, seen: FrameWithAge, said: str) -> str:
         return (
             _(TROUBLE_TEXTS[self.run.drive.trouble])
             if self.run.drive.trouble
@@ -102,7 +102,7 @@ class WheelCalibration(Calibration):
             else rows
         )
 
-    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+    def list_progress_rows(self, seen: FrameWithAge) -> tuple[ProgressRow, ...]:
         drive, distance = self.run.drive, self.page.app.units.fine_distance
         rows: list[ProgressRow] = [
             BarRow(
@@ -131,10 +131,10 @@ class WheelCalibration(Calibration):
             )
         return tuple(rows)
 
-    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameWithAge) -> tuple[ActionChip, ...]:
         label = _("end") if self.run.running else _("begin")
         return (
-            Chip(
+            ActionChip(
                 "cal_begin",
                 "B",
                 label,

@@ -19,7 +19,7 @@ from topdress.console.app.pages.devices.device_view import (
 from topdress.console.app.pages.devices.keys import ACTIONS
 from topdress.console.app.pages.devices.labelled_rows import LabelledRows, RowsView
 from topdress.console.app.panel_views import RunView
-from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.action_chips import ActionChip, Chips
 from topdress.console.app.widgets.base_panel import Picked
 from topdress.console.frame import DeviceDo, DeviceView, Frame
 from topdress.console.locale import _
@@ -101,29 +101,29 @@ class DevicesScreen(Page):
             raw.show_view(make_raw_rows(lines))
         self.query_one("#device-chips", Chips).show_view(self._list_chips(device))
 
-    def _list_chips(self, device: DeviceView | None) -> tuple[Chip, ...]:
+    def _list_chips(self, device: DeviceView | None) -> tuple[ActionChip, ...]:
         """Return the keys, with those that can be pressed now."""
         on = device is not None and not self.app.locked
         capturing = device is not None and bool(device.capture_path)
         testing = device is not None and device.test is not None and device.test.running
         plugged = device is None or device.plugged
         return (
-            Chip("dev_up", "Up", _("above"), on),
-            Chip("dev_down", "Down", _("below"), on),
-            Chip(
+            ActionChip("dev_up", "Up", _("above"), on),
+            ActionChip("dev_down", "Down", _("below"), on),
+            ActionChip(
                 "dev_test",
                 "Enter",
                 _("listening") if testing else _("test"),
                 on and plugged and not testing,
             ),
-            Chip(
+            ActionChip(
                 "dev_capture",
                 "E",
                 _("end the raw file") if capturing else _("write raw to a file"),
                 on,
                 lead=capturing and on,
             ),
-            Chip(
+            ActionChip(
                 "dev_plug",
                 "C",
                 _("disconnect") if plugged else _("connect"),

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, ComparedShown, DiagnosisView
+from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, ComparisonView, DiagnosisView
 from topdress.console.app.panel_views import format_duration
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
@@ -156,7 +156,7 @@ def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> 
     )
 
 
-def list_compared_lines(found: ComparedShown) -> list[str]:
+def list_compared_lines(found: ComparisonView) -> list[str]:
     """Return a line per channel: error before and after, and which of both is significantly
     smaller."""
     lines = [

@@ -26,7 +26,7 @@ from topdress.console.app.pages.diagnosis.residual_plot import ResidualPlot
 from topdress.console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
 from topdress.console.app.pages.diagnosis.service import (
     IMPORT_KIND,
-    ComparedShown,
+    ComparisonView,
     DiagnosisService,
     DiagnosisSource,
     DiagnosisView,
@@ -37,7 +37,7 @@ from topdress.console.app.pages.diagnosis.service import (
 )
 from topdress.console.app.pages.diagnosis.verdict import VerdictPanel
 from topdress.console.app.panel_views import RunView, format_duration
-from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.action_chips import ActionChip, Chips
 from topdress.console.app.widgets.base_panel import (
     Panel,
     Picked,
@@ -213,7 +213,7 @@ class WorkEstimate:
 
 ViewName = Literal["causes", "channels", "over", "time", "run"]
 # Result of a diagnosis or a comparison; None after an installation.
-WorkResult = DiagnosisView | ComparedShown | None
+WorkResult = DiagnosisView | ComparisonView | None
 LongWork = Callable[[TellProgress, StopSignal], WorkResult]
 ListedData = tuple[tuple[DiagnosisSource, ...], tuple[str, ...], bool]
 
@@ -396,7 +396,7 @@ class DiagnosisScreen(Page):
             return ("causes", "channels", *run)
         return ("causes", "channels", "over", "time", *run)
 
-    def _list_chips(self) -> tuple[Chip, ...]:
+    def _list_chips(self) -> tuple[ActionChip, ...]:
         """Return the keys, with those that can be pressed now."""
         found = self.shown
         if self.is_busy:
@@ -432,7 +432,7 @@ class DiagnosisScreen(Page):
             wanted.append(("dia_pick", "", True, False))
         known = {action.id: action for action in self.app.list_offered_actions(DIAGNOSIS)}
         return tuple(
-            Chip(name, known[name].shown, label or _(known[name].label), on, lead)
+            ActionChip(name, known[name].shown, label or _(known[name].label), on, lead)
             for name, label, on, lead in wanted
         )
 
@@ -595,7 +595,7 @@ class DiagnosisScreen(Page):
 
     def _take_work_result(self, worker: Worker[WorkResult], state: WorkerState) -> None:
         """Process the result of long work."""
-        if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
+        if state is WorkerState.SUCCESS and isinstance(worker.result, ComparisonView):
             where = (
                 [_("Pictures: {path}").format(path=worker.result.report)]
                 if worker.result.report

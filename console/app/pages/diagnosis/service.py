@@ -148,7 +148,7 @@ class ComparedRow(NamedTuple):
     high: float | None
 
 
-class ComparedShown(NamedTuple):
+class ComparisonView(NamedTuple):
     """Holds the comparison of a machine file before and after a change, on one log. `report` is the
     path of the page with pictures; "" if none could be drawn."""
 
@@ -252,6 +252,6 @@ class DiagnosisService(Protocol):
 
     def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
-    ) -> ComparedShown:
+    ) -> ComparisonView:
         """Compare a machine file before and after its last change, on a log that did not contribute
         to the change."""

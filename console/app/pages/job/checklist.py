@@ -11,8 +11,8 @@ from topdress.console.app.pages.job.map_words import describe_map_check, is_doub
 from topdress.console.app.pages.job.service import JobFacts
 from topdress.console.app.panel_views import (
     MAX_FRESH_AGE_S,
+    AgedText,
     ItemView,
-    ShownText,
     format_duration,
     format_local_time,
     list_point_items,
@@ -24,8 +24,8 @@ from topdress.console.frame import DeviceView, Frame
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.reference_strips import (
     ENOUGH_N_SUFFICIENCY,
-    Strips,
-    StripValue,
+    ReferenceStrips,
+    StripMean,
     calc_measured_index,
     find_index_doubt,
 )
@@ -255,18 +255,18 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
     return (JobCheck(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
-def find_strips_in_force(frame: Frame | None, facts: JobFacts | None) -> Strips:
+def find_strips_in_force(frame: Frame | None, facts: JobFacts | None) -> ReferenceStrips:
     """Return the strips in force: the worker's, which include strips measured since its start, else
     those of the files."""
     # The worker measures strips during the run and knows them before the files do.
-    live = frame.strips if frame is not None else Strips()
+    live = frame.strips if frame is not None else ReferenceStrips()
     if facts is None:
         return live
     rule = facts.setup.rule
-    return Strips(live.nrich or rule.ndvi_nrich, live.check or rule.ndvi_check)
+    return ReferenceStrips(live.nrich or rule.ndvi_nrich, live.check or rule.ndvi_check)
 
 
-def describe_index_doubt(strips: Strips) -> str:
+def describe_index_doubt(strips: ReferenceStrips) -> str:
     """Return why the field's response index is doubtful; "" where it is plausible."""
     index, why = calc_measured_index(strips), find_index_doubt(strips)
     if index is None or not why:
@@ -285,7 +285,11 @@ def describe_index_doubt(strips: Strips) -> str:
 
 
 def compare_strip_rates(
-    facts: JobFacts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
+    facts: JobFacts | None,
+    before: ReferenceStrips,
+    after: ReferenceStrips,
+    field_ndvi: float | None,
+    units: Units,
 ) -> str:
     """Compare the canopy's target in this field without and with a strip, by the crop's rule; ""
     where unknown."""
@@ -306,7 +310,7 @@ def compare_strip_rates(
     ).format(ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
 
 
-def describe_poor_strip(strip: StripValue | None, field_ndvi: float | None) -> str:
+def describe_poor_strip(strip: StripMean | None, field_ndvi: float | None) -> str:
     """Return a warning if an N-rich strip is hardly greener than the field, else "". The strip is
     then no N-rich strip, or the field has enough nitrogen."""
     if (
@@ -544,7 +548,7 @@ def make_total_items(
     old = age_s > MAX_FRESH_AGE_S
     if frame is None or t is None:
         return tuple(
-            ItemView(label, ShownText("--", True))
+            ItemView(label, AgedText("--", True))
             for label in (_("area"), _("applied"), _("mean rate"))
         )
     cv, cuc = (
@@ -560,10 +564,10 @@ def make_total_items(
         ItemView(
             # The remaining work comes first, because an operator plans refills and time by it.
             _("to finish"),
-            ShownText(estimate_remaining(frame, picture).format_remaining(units), old),
+            AgedText(estimate_remaining(frame, picture).format_remaining(units), old),
         ),
-        ItemView(_("area"), ShownText(units.area.format_with_name(t.area_ha), old)),
-        ItemView(_("applied"), ShownText(units.mass.format_with_name(t.applied_kg), old)),
+        ItemView(_("area"), AgedText(units.area.format_with_name(t.area_ha), old)),
+        ItemView(_("applied"), AgedText(units.mass.format_with_name(t.applied_kg), old)),
         *(
             ()
             # The row appears only when the mass is worth mentioning.
@@ -571,36 +575,36 @@ def make_total_items(
             else (
                 ItemView(
                     _("while stopped"),
-                    ShownText(units.mass._replace(decimals=1).format_with_name(t.stopped_kg), old),
+                    AgedText(units.mass._replace(decimals=1).format_with_name(t.stopped_kg), old),
                 ),
             )
         ),
-        ItemView(_("covered"), ShownText(_format_covered(t, units), old)),
-        ItemView(_("mean rate"), ShownText(units.rate.format_with_name(t.mean_rate_kg_ha), old)),
+        ItemView(_("covered"), AgedText(_format_covered(t, units), old)),
+        ItemView(_("mean rate"), AgedText(units.rate.format_with_name(t.mean_rate_kg_ha), old)),
         ItemView(
             _("N used"),
-            ShownText(units.mass._replace(decimals=1).format_with_name(t.applied_n_kg), old),
+            AgedText(units.mass._replace(decimals=1).format_with_name(t.applied_n_kg), old),
         ),
         *(
             # In point mode single doses replace the figures of evenness.
             list_point_items(frame, old, units)
             or (
-                ItemView(_("against target"), ShownText(error, old)),
-                ItemView(_("evenness"), ShownText(f"CV {cv}  C_uc {cuc}", old)),
+                ItemView(_("against target"), AgedText(error, old)),
+                ItemView(_("evenness"), AgedText(f"CV {cv}  C_uc {cuc}", old)),
             )
         ),
-        ItemView(_("working"), ShownText(format_duration(t.worked_s), old)),
-        ItemView(_("held"), ShownText(format_duration(held_s), old)),
+        ItemView(_("working"), AgedText(format_duration(t.worked_s), old)),
+        ItemView(_("held"), AgedText(format_duration(held_s), old)),
         ItemView(
             _("gate moves"),
-            ShownText(
+            AgedText(
                 "--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
                 old,
             ),
         ),
         ItemView(
             _("filled in"),
-            ShownText("--" if filled is None else units.mass.format_with_name(filled), old),
+            AgedText("--" if filled is None else units.mass.format_with_name(filled), old),
         ),
     ]
     return tuple(items)

@@ -22,7 +22,7 @@ from topdress.console.app.pages.job.strip_measurement import MIN_STRIP_M, StripR
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.orders import Do, Order, State
 from topdress.drivers.files.formats.registry import list_able
 
@@ -130,7 +130,7 @@ def _cancel_strip(page: JobScreen) -> None:
     page.refresh_all_next_tick()
 
 
-def _use_strip_value(page: JobScreen, value: StripValue) -> None:
+def _use_strip_value(page: JobScreen, value: StripMean) -> None:
     """Use a strip's value at once by an order, and write it to a job file for the next start. Undo
     restores both."""
     # Undo needs the value that was in force before.
@@ -138,7 +138,7 @@ def _use_strip_value(page: JobScreen, value: StripValue) -> None:
         ndvi=getattr(find_strips_in_force(page.app.arrival.frame, page.facts), value.which), se=None
     )
 
-    def save_value(strip: StripValue) -> None:
+    def save_value(strip: StripMean) -> None:
         service = page.service
         if service is not None:
             page.save_for_next_start(lambda: service.save_strip_value(strip))

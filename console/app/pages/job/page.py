@@ -54,11 +54,11 @@ from topdress.console.app.pages.job.strip_measurement import FieldMean, StripRun
 from topdress.console.app.panel_views import RunView
 from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.typed_number import format_with_unit, round_inwards
-from topdress.console.app.widgets.action_chips import Chip, Chips
+from topdress.console.app.widgets.action_chips import ActionChip, Chips
 from topdress.console.app.widgets.labelled_values import Items
 from topdress.console.frame import Frame
 from topdress.console.locale import _
-from topdress.control.agronomy.reference_strips import Strips, StripValue
+from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.orders import Do
 
 # Rows of the checks at low and at middle height.
@@ -204,18 +204,18 @@ class JobScreen(Page):
             NotesView(self._list_notes(frame), list_refills(frame, units, self.app.utc_offset_s))
         )
 
-    def _list_next_chips(self) -> tuple[Chip, ...]:
+    def _list_next_chips(self) -> tuple[ActionChip, ...]:
         """Return the keys at the end of the checks: make ready, then start."""
         not_ready, no_start = explain_not_ready(self.app), explain_no_start(self.app)
         return (
-            Chip(
+            ActionChip(
                 "job_ready",
                 "R",
                 _("make ready"),
                 not not_ready,
                 lead=not not_ready and bool(no_start),
             ),
-            Chip("job_start", "S", _("start to work"), not no_start, lead=not no_start),
+            ActionChip("job_start", "S", _("start to work"), not no_start, lead=not no_start),
         )
 
     def _list_notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
@@ -414,7 +414,7 @@ class JobScreen(Page):
         now = None if frame is None else find_heads_index(frame.row)
         return self.field.ndvi if self.field.ndvi is not None else now
 
-    def replace_strip(self, value: StripValue | None) -> Strips:
+    def replace_strip(self, value: StripMean | None) -> ReferenceStrips:
         """Return the strips in force after the strip that was just measured."""
         frame, facts = self.app.arrival.frame, self.facts
         now = find_strips_in_force(frame, facts)

@@ -12,7 +12,7 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.source import FrameSource
 from topdress.console.locale import N_
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.field.job_names import JobNames as JobNames
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ class JobService(Protocol):
     def drop_choices(self) -> None:
         """Drop the last choice, so that the next start uses the running files."""
 
-    def save_strip_value(self, strip: StripValue) -> str:
+    def save_strip_value(self, strip: StripMean) -> str:
         """Write the job with a strip's NDVI, or without it, and return its path; the worker knows
         the value already."""
 

@@ -9,7 +9,7 @@ from math import sqrt
 from statistics import median
 from typing import Literal, NamedTuple
 
-from topdress.control.agronomy.reference_strips import StripValue
+from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 # Shortest strip with a usable mean, m.
@@ -108,13 +108,13 @@ class StripRun(FieldMean):
         )
 
     @property
-    def value(self) -> StripValue | None:
+    def value(self) -> StripMean | None:
         """Value for an order; None before any NDVI."""
         strip = self.strip
         # The order accepts NDVI above 0 and up to 1 only.
         if strip.ndvi is None or not 0.0 < round(strip.ndvi, 4) <= 1.0:
             return None
-        return StripValue(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
+        return StripMean(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
 
 
 def find_heads_index(row: LogRow) -> float | None:

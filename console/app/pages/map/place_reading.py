@@ -11,8 +11,8 @@ from topdress.console.app.layers import MapLayer
 from topdress.console.app.map_image import GroundPixels
 from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.panel_views import (
+    AgedText,
     ItemView,
-    ShownText,
     find_rate_error,
     format_duration,
     format_signed_percent,
@@ -119,7 +119,7 @@ def list_job_items(
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row
     return tuple(
-        ItemView(label, ShownText(text, stale))
+        ItemView(label, AgedText(text, stale))
         for label, text in (
             (_("done"), f"{units.area.format_with_name(frame.area_ha)}{share}"),
             (_("left"), units.area.format_with_name(left.area_ha)),

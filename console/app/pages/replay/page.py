@@ -164,7 +164,7 @@ class ReplayBar(Panel[ReplayView]):
             self.post_message(self.Seek((event.x - cell_len(first)) / max(1, room - 1)))
 
 
-_NO_LOG_VIEW = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
+_VIEW_WITHOUT_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
@@ -254,7 +254,7 @@ class ReplayScreen(PanelScreen):
 
     def compose_extra(self) -> ComposeResult:
         yield ReplayBar(
-            _NO_LOG_VIEW._replace(name=_("no log is open: J opens one")), id="replay-bar"
+            _VIEW_WITHOUT_LOG._replace(name=_("no log is open: J opens one")), id="replay-bar"
         )
 
     def find_replayed(self) -> ReplayJob | None:

@@ -14,9 +14,9 @@ from topdress.console.app.pages.panel_page import PanelScreen
 from topdress.console.app.pages.run.keys import ACTIONS
 from topdress.console.app.pages.run.section_bar import SectionBar
 from topdress.console.app.panel_views import (
+    AgedText,
     AlarmsView,
     RunView,
-    ShownText,
     format_duration,
     format_local_time,
 )
@@ -113,7 +113,7 @@ class LightView(NamedTuple):
     distance in words."""
 
     lights: int
-    said: ShownText
+    said: AgedText
     track: str
 
 
@@ -139,7 +139,7 @@ def make_light_view(
     ).format(distance=text)
     return LightView(
         lights,
-        ShownText(said, stale),
+        AgedText(said, stale),
         _("track {number}").format(number=f"{off.number:+d}" if off.number else "A-B"),
     )
 
