@@ -28,7 +28,7 @@ import numpy as np
 from manoeuvres import GO_HELD, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_setup
 from topdress.control.orders import Strategy
 from topdress.control.simulation.error_metrics import find_crop_needs, find_landing
-from topdress.control.simulation.figures import count_moves
+from topdress.control.simulation.strategy_figures import count_moves
 from verdict import exit_code
 
 KNOWN = ("none", "set", "plan", "drive")

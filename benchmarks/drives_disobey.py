@@ -29,7 +29,7 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.virtual.faults import RUNAWAY_OPENING_MM, RUNAWAY_SHAFT_RPM, DriveRunaway
 from verdict import exit_code
 

@@ -36,7 +36,7 @@ from topdress.control.simulation.assembly import (  # noqa: E402
     make_plant,
 )
 from topdress.control.simulation.closed_loop import simulate_run  # noqa: E402
-from topdress.drivers.files.setup import load_setup  # noqa: E402
+from topdress.drivers.files.run_setup import load_setup  # noqa: E402
 
 SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 DT_S, LOG_S = 0.05, 180.0

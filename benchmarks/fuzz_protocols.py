@@ -48,9 +48,9 @@ from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.devices.tractor_speed import make_speed_sentence as plan_sentence
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.gpsd import VirtualGpsd
 from topdress.drivers.virtual.machine import make_gnss_sentences, make_head_line
+from topdress.drivers.virtual.virtual_devices import make_agopengps_frames
 from verdict import exit_code
 
 Said = tuple[Any, ...]

@@ -29,7 +29,7 @@ from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 from topdress.control.simulation.plant import Plant, SensorReadings
 from topdress.control.simulation.tractor import PathLeg, TractorPath, make_field_path
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 from verdict import exit_code
 
 ROAD_M, ROAD_KMH = 1500.0, 25.0

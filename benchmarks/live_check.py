@@ -33,9 +33,9 @@ from hidden.nominal import Effect
 from hidden.plant import Plant
 from hidden.programmes import Programme, chosen, drive
 from hidden.run_cases import LEAST_KG, within_tolerance
-from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S, LiveCheck
+from topdress.control.diagnosis.live.growing_log_check import CHECK_INTERVAL_S, LiveCheck
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 Columns = dict[str, npt.NDArray[Any]]
 PROMISED = 1.0  # false alarms in 100 hours, at most

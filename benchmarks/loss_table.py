@@ -21,10 +21,10 @@ from rig import DT_S, Rig
 from terminals import wait
 from topdress.console.worker.assemble import SimulatedBench
 from topdress.console.worker.loop_host import Host
-from topdress.console.worker.run_parts import RunAssembly, RunNames
+from topdress.console.worker.run_interfaces import RunAssembly, RunNames
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.files.atomic import NewFile
+from topdress.drivers.files.atomic_files import NewFile
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 from verdict import exit_code

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from topdress.control.field.job import Simulated
-from topdress.control.machine.elements import Array
+from topdress.control.machine.model_elements import Array
 from topdress.control.orders import Do, Order, Strategy
 from topdress.control.simulation.assembly import (
     add_simulated_field,
@@ -24,7 +24,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.control.simulation.error_metrics import RATE_BIN_M, find_landing, find_place_errors
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))

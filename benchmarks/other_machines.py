@@ -43,12 +43,12 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.control.simulation.error_metrics import find_landing, find_place_errors
-from topdress.control.simulation.figures import count_moves
 from topdress.control.simulation.plant import Plant, PlantTruth, SensorReadings
+from topdress.control.simulation.strategy_figures import count_moves
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, Prescription
 from topdress.control.targets.rate_map import GridMap, make_frame_m
-from topdress.drivers.files.setup import Setup
+from topdress.drivers.files.run_setup import Setup
 from verdict import exit_code
 
 # Nothing else: driven once. standing_free: carried along, but a standing shaft does not slow

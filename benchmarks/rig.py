@@ -28,7 +28,7 @@ from topdress.drivers.devices.canopy_heads import HeadsConfig
 from topdress.drivers.devices.fix_source import GnssConfig
 from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.files.prescriptions.job_targets import read_job_map
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.faults import DriveRunaway, VirtualRunaway
 from topdress.drivers.virtual.machine import VirtualMachine

@@ -87,7 +87,7 @@ class Field(Hosted):
 
 
 class FieldSource:
-    """`console.app.source.FrameSource` of it."""
+    """`console.app.frame_source.FrameSource` of it."""
 
     def __init__(self, field: Field) -> None:
         self._field = field

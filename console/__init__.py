@@ -4,8 +4,9 @@ line.
 Files:
 
 - `app`: The console's screens know `console.frame.Frame` and a `FrameSource`
-- `attached`: Who is attached to the control worker, and who gave which order?
+- `attached_consoles`: Who is attached to the control worker, and who gave which order?
 - `cli`: How is the command line `topdress` built?
+- `colour_scale`: Which colours do rates, errors and passes have?
 - `fast_imports`: How does a program start quickly?
 - `frame`: Which data does the control worker send to its consoles?
 - `gc_tuning`: How are long-lived objects kept out of the garbage collection?
@@ -13,10 +14,9 @@ Files:
 - `locale`: Translates the texts of the console into the language in use
 - `reports`: Which texts and pictures do people read?
 - `running`: How is the control worker started as a process of its own
-- `scale`: Which colours do rates, errors and passes have?
 - `serve`: Serves the console to browsers
 - `services`: How are the services of the pages implemented on real files?
-- `threads`: How many threads may numeric libraries use?
+- `thread_limits`: How many threads may numeric libraries use?
 - `warm_up`: How is the first diagnosis on a computer made fast?
 - `worker`: The control worker is a program of its own that owns devices, loop and log
 - `worker_handshake`: Which program listens at the address in a run file?

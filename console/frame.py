@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from topdress.console.attached import AttachedConsole, ExecutedOrder
+from topdress.console.attached_consoles import AttachedConsole, ExecutedOrder
 from topdress.control.agronomy.reference_strips import ReferenceStrips
-from topdress.control.field.totals import Totals
+from topdress.control.field.job_totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, SectionState
 from topdress.control.readings import NO_EFFORT_FINDING, EffortFinding

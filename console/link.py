@@ -16,7 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NoReturn
 
-from topdress.console.attached import find_own_name
+from topdress.console.attached_consoles import find_own_name
 from topdress.console.frame import DeviceDo, Frame, parse_frame
 from topdress.console.locale import _
 from topdress.console.running import WorkerAddress
@@ -48,8 +48,8 @@ class Link:
     def __init__(self, where: WorkerAddress, name: str | None = None) -> None:
         """Makes a link that is not connected yet.
 
-        `name` is the name of this console (`console.attached.find_own_name`); the worker may append
-        a number.
+        `name` is the name of this console (`console.attached_consoles.find_own_name`); the worker
+        may append a number.
         """
         self.where = where
         self.name = find_own_name(name)

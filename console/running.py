@@ -24,7 +24,7 @@ from topdress.console.worker_handshake import (
     is_still_running,
     read_greeting,
 )
-from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.process_lock import take_lock
 
 # Interval at which a missing run file is searched again, s.
 RUN_FILE_POLL_S = 0.02

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from topdress.drivers.files.extras import MissingExtra, require_extras
+from topdress.drivers.files.optional_packages import MissingExtra, require_extras
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 CONSOLE_COMMAND = (sys.executable, "-c", "from topdress.console.cli import main; main()")

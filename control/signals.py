@@ -66,7 +66,7 @@ class Signal(NamedTuple):
     excluding_words: str = ""
     quantities: tuple[str, ...] = ()
     other_names: str = ""
-    # Results that a log without this column lacks, by their key in `drivers/files/foreign.py`.
+    # Results that a log without this column lacks, by their key in `drivers/files/foreign_logs.py`.
     losses: tuple[str, ...] = ()
     # Meaning in docs/format-run-log.md.
     meaning: str = ""

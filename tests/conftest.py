@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer.testing
 from click.testing import Result
-from topdress.console.threads import limit_matrix_threads
+from topdress.console.thread_limits import limit_matrix_threads
 
 limit_matrix_threads()
 # Python looks for garbage after 700 new objects, and through all 10^6 of a session after some

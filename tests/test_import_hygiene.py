@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from topdress.drivers.files.extras import EXTRAS
+from topdress.drivers.files.optional_packages import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 HEAVY = {"textual", "rich", "numba", "scipy", "polars"}
@@ -82,7 +82,7 @@ FLEET = (
                 "topdress.control.field.job",
                 "topdress.control.diagnosis.result",
                 "shapely",
-                "topdress.drivers.files.kinds",
+                "topdress.drivers.files.config_kinds",
             },
             id="first picture",
         ),

@@ -70,7 +70,7 @@ def save(path: str | Path, machine: Machine, comment: str = "") -> None:
     OSError : the file cannot be written.
     """
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     save_config(Path(path), machine, MACHINE_KIND, comment)
 

@@ -103,7 +103,7 @@ def command(*words: str) -> None:
 def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
     """The shipped job, on the ground on which what is hidden shows."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import JOB_KIND
+    from topdress.drivers.files.config_kinds import JOB_KIND
 
     data = load_config("demo", JOB_KIND).model.model_dump(mode="json", exclude_unset=True)
     if hidden.rough:
@@ -121,8 +121,8 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
     """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses,
     as `diagnose --adopt` does where it finds nothing."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
-    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
+    from topdress.drivers.files.run_setup import load_setup
 
     log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
     new, undone, job = (

@@ -53,7 +53,7 @@ def examine(task: Task) -> dict[str, Any]:
     """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the
     case could not be made."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     started = time.perf_counter()
     nominal = load_config("huanghai", MACHINE_KIND).model

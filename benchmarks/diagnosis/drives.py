@@ -606,12 +606,12 @@ def run(case: Case, folder: Path) -> Ran:
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.control.diagnosis.runs.diagnose import diagnose_run
     from topdress.drivers.files.config import load_config, save_config
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
     from topdress.drivers.files.imports.convert import convert_table
-    from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
+    from topdress.drivers.files.imports.log_join import join_files
     from topdress.drivers.files.imports.mapping import IMPORT_KIND
     from topdress.drivers.files.imports.table_reader import read_raw_table
-    from topdress.drivers.files.kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_nonempty_log
 
     place = folder / case.name.replace("/", "_").replace(" ", "_")
@@ -696,7 +696,7 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from topdress.control.diagnosis.runs.log import clean_run_log
     from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_nonempty_log
 
     machine = load_config(str(machine_file), MACHINE_KIND).model

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
-from topdress.console.threads import limit_matrix_threads  # noqa: E402
+from topdress.console.thread_limits import limit_matrix_threads  # noqa: E402
 
 limit_matrix_threads()  # here and in the processes that it starts
 

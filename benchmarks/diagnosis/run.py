@@ -73,7 +73,7 @@ def examine(task: Task) -> dict[str, Any]:
     import ask
     from hidden.cases import one
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     started = time.perf_counter()
     case = one(*task)

@@ -224,7 +224,7 @@ def main() -> int:
 
 
 def _as_logs(made: list[Made]) -> list[Any]:
-    from topdress.control.diagnosis.season.evidence import QuadraticForm, SeasonLog
+    from topdress.control.diagnosis.season.log_evidence import QuadraticForm, SeasonLog
 
     return [
         SeasonLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared)

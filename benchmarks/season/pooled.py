@@ -27,14 +27,14 @@ from hidden.programmes import chosen, drive  # noqa: E402
 from hidden.run_cases import within_tolerance  # noqa: E402
 from judged import judge  # noqa: E402
 from topdress.control.diagnosis.season.effect_timelines import fit_season  # noqa: E402
-from topdress.control.diagnosis.season.evidence import (  # noqa: E402
+from topdress.control.diagnosis.season.log_evidence import (  # noqa: E402
     QuadraticForm,
     SeasonLog,
     collect_log_evidence,
 )
 from topdress.control.machine.machine import Machine  # noqa: E402
 from topdress.drivers.files.config import load_config  # noqa: E402
-from topdress.drivers.files.kinds import MACHINE_KIND  # noqa: E402
+from topdress.drivers.files.config_kinds import MACHINE_KIND  # noqa: E402
 from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 

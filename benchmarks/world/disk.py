@@ -13,7 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from topdress.drivers.files import atomic
+from topdress.drivers.files import atomic_files
 
 
 class PowerCut(BaseException):
@@ -43,11 +43,11 @@ class FaultyDisk:
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Replaces the system's calls in `drivers.files.atomic` by those of this disk."""
-        before = atomic.os, atomic.io, atomic.tempfile
+        """Replaces the system's calls in `drivers.files.atomic_files` by those of this disk."""
+        before = atomic_files.os, atomic_files.io, atomic_files.tempfile
         system = SimpleNamespace(**{name: getattr(os, name) for name in dir(os)})
         system.fsync, system.replace = self._sync, self._replace
-        atomic.os = system  # type: ignore[assignment]
+        atomic_files.os = system  # type: ignore[assignment]
         disk = self
 
         class File(io.FileIO):
@@ -62,13 +62,13 @@ class FaultyDisk:
                     data = bytes(data)[: max(1, len(data) // 3)]
                 return super().write(data)
 
-        atomic.io = SimpleNamespace(FileIO=File, SEEK_END=io.SEEK_END)  # type: ignore[assignment]
+        atomic_files.io = SimpleNamespace(FileIO=File, SEEK_END=io.SEEK_END)  # type: ignore[assignment]
         io_tempfile = SimpleNamespace(mkstemp=self._make_temporary)
-        atomic.tempfile = io_tempfile  # type: ignore[assignment]
+        atomic_files.tempfile = io_tempfile  # type: ignore[assignment]
         try:
             yield
         finally:
-            atomic.os, atomic.io, atomic.tempfile = before
+            atomic_files.os, atomic_files.io, atomic_files.tempfile = before
 
     def call(self, _kind: str) -> bool:
         """Counts a call: raises the error of its number; returns whether it writes a part only."""

@@ -20,7 +20,7 @@ from topdress.control.simulation.assembly import make_plant
 from topdress.control.simulation.plant import Plant, PlantTruth, SensorReadings
 from topdress.control.simulation.tractor import make_field_boundary
 from topdress.drivers.devices.rate_line import make_target_sentence
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 from topdress.drivers.ports import MemoryPort, Port, make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.faults import LINE_FAULTS, PortFaults, ServedLine

@@ -27,16 +27,17 @@ from topdress.console.app.attach_notice import JoinedMachineFacts, describe_atta
 from topdress.console.app.common_keys import ACTIONS
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from topdress.console.app.dose_change_check import predict_dose_change
-from topdress.console.app.fields import FieldPictures
 from topdress.console.app.first_question import (
     CHANGEABLE_STATES,
     ask_first_question,
     restart_worker,
 )
+from topdress.console.app.frame_history import LiveHistory
+from topdress.console.app.frame_source import FrameArrival, FrameSource
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.guide_line_store import StoredLines, make_line_record
 from topdress.console.app.guided_tour import Tour
-from topdress.console.app.history import LiveHistory
+from topdress.console.app.impossible_reasons import explain_no_machine, find_first_key
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.job.checklist import find_file_name
@@ -44,6 +45,7 @@ from topdress.console.app.pages.job.service import RecentSet
 from topdress.console.app.pages.page_registry import Pages
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.panel_views import format_local_time
+from topdress.console.app.picture_cache import FieldPictures
 from topdress.console.app.plain_lines import ControlCharacterFilter
 from topdress.console.app.presence_text import (
     PresenceView,
@@ -52,14 +54,12 @@ from topdress.console.app.presence_text import (
     describe_presence_changes,
     make_presence_view,
 )
-from topdress.console.app.reasons import explain_no_machine, find_first_key
 from topdress.console.app.refresh_rates import NUMBERS_PERIOD_S
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
 from topdress.console.app.settings import apply_settings, make_theme, set_rate_limits
-from topdress.console.app.source import FrameArrival, FrameSource
 from topdress.console.app.terminal import TerminalPulse, find_terminal
 from topdress.console.app.type_ahead_guard import HeldEnter, TypeAheadGuard
 from topdress.console.app.undo_stack import UndoableChange, UndoStack, describe_undo, reverse_orders

@@ -24,13 +24,13 @@ from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.dose_change_check import predict_dose_change
 from topdress.console.app.first_question import start_from_any_page
 from topdress.console.app.guided_tour import Tour
-from topdress.console.app.presence_text import describe_leaving
-from topdress.console.app.reasons import (
+from topdress.console.app.impossible_reasons import (
     explain_no_acknowledge,
     explain_no_start,
     explain_no_tour,
     explain_no_undo,
 )
+from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.screens.jump_letters import (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.camera import PixelGrid
 from topdress.console.app.coverage_raster import GroundBox
+from topdress.console.app.map_camera import PixelGrid
 
 Rates = npt.NDArray[np.float32]
 Ring = tuple[tuple[float, float], ...]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot
 from typing import NamedTuple
 
-from topdress.console.app.camera import MapCamera
+from topdress.console.app.map_camera import MapCamera
 
 # Shortest distance from A to B, m: below it the noise of a fix rotates the line by degrees.
 MIN_LINE_LENGTH_M = 10.0

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.console.app.braille import CELL_DOT_BITS
-from topdress.console.app.camera import PixelGrid
 from topdress.console.app.coverage_raster import (
     CELL_KIND_COUNT,
     MIN_APPLIED_KG_HA,
@@ -19,10 +18,11 @@ from topdress.console.app.coverage_raster import (
     WorkedGround,
 )
 from topdress.console.app.field_picture import FieldPicture, Ring
-from topdress.console.app.layers import LAYER_KINDS, RATE_LAYERS, LayerScale, MapLayer
+from topdress.console.app.map_camera import PixelGrid
+from topdress.console.app.map_layers import LAYER_KINDS, RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.panel_views import MIN_ERROR_REFERENCE_KG_HA
-from topdress.console.scale import COLOUR_STEPS
+from topdress.console.colour_scale import COLOUR_STEPS
 
 # Palette entries; shape (rows, columns) from the north-west.
 Image = npt.NDArray[np.uint8]

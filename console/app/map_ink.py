@@ -12,10 +12,9 @@ import numpy as np
 from rich.color import Color
 from textual.widget import Widget
 from topdress.console.app.braille import BLANK_BRAILLE_CODE
-from topdress.console.app.camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture, Ring
-from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
+from topdress.console.app.map_camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.map_image import (
     DONE_ENTRY,
     EMPTY_ENTRY,
@@ -32,10 +31,11 @@ from topdress.console.app.map_image import (
     mark_trail,
     rasterise_lines,
 )
+from topdress.console.app.map_layers import LayerScale, MapLayer, find_colour_scale
 from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import METRIC, Units
-from topdress.console.scale import COLOUR_STEPS, Rgb
+from topdress.console.colour_scale import COLOUR_STEPS, Rgb
 
 # Arrows for north, east, south and west: a cell has no room for finer headings.
 _MACHINE_SIGNS = "▴▸▾◂"

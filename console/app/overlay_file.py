@@ -9,8 +9,8 @@ from math import floor, log10
 from typing import NamedTuple
 
 from topdress.console.app.coverage_raster import WorkedGround
-from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
-from topdress.console.scale import round_calm_ends
+from topdress.console.app.map_layers import RATE_LAYERS, LayerScale, MapLayer
+from topdress.console.colour_scale import round_calm_ends
 
 # The harvest's scale ends at a round tenth of its range.
 _HARVEST_SCALE_PARTS = 10

@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topdress.console.app.ordered_words import format_order
+from topdress.console.app.order_words import format_order
 from topdress.console.app.panel_views import format_duration, format_local_time
 from topdress.console.app.units import METRIC
-from topdress.console.attached import AttachedConsole, ExecutedOrder
+from topdress.console.attached_consoles import AttachedConsole, ExecutedOrder
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import State

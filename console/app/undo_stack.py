@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from topdress.console.app.ordered_words import format_order
+from topdress.console.app.order_words import format_order
 from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame

@@ -3,7 +3,7 @@ only when it is requested; slow modules are imported when it runs.
 
 Files:
 
-- `at_the_bench`: How does a person at the bench turn the shaft?
+- `bench_session`: How does a person at the bench turn the shaft?
 - `calibrate`: How does `topdress calibrate` make a new machine file from bench tables and run logs?
 - `check`: How does `topdress check` report errors of configuration files
 - `check_range`: Which rates of a job can a machine not apply at the job's speeds?
@@ -11,7 +11,7 @@ Files:
 - `decode`: How does `topdress decode` read a raw capture through its real driver?
 - `devices`: How does `topdress devices` list ports and the devices on them?
 - `diagnose`: How does `topdress diagnose` show the errors of the machine model on measured data
-- `drop_by_hand`: How does `topdress calibrate lag --rig URL` work without a board?
+- `drop_test`: How does `topdress calibrate lag --rig URL` work without a board?
 - `effects`: How does `topdress effects` list the catalogue?
 - `encoder`: How does `topdress calibrate encoder --board URL` count pulses per turn of the
 - `field`: How does `topdress field` convert outlines
@@ -57,7 +57,7 @@ from typing import Annotated, Any
 import typer
 from topdress.console.cli.plain_errors import guard_command
 from topdress.console.cli.plain_output import replace_streams
-from topdress.console.threads import limit_matrix_threads
+from topdress.console.thread_limits import limit_matrix_threads
 from typer.core import TyperCommand
 
 # Examples below each command's help. A test parses every example.

@@ -118,7 +118,7 @@ def _save_product_test(
     """Writes the product with this test added to its earlier tests."""
     from topdress.control.calibration.flow_fit import make_catch_test
     from topdress.drivers.files.config import calc_sha256, load_config, save_config
-    from topdress.drivers.files.kinds import PRODUCT_KIND
+    from topdress.drivers.files.config_kinds import PRODUCT_KIND
 
     read = load_config(product, PRODUCT_KIND)
     # The old file stays as evidence of the earlier test; a new file must not replace it in place.
@@ -418,7 +418,7 @@ def _load_first_machine(data: Path, out: Path, machine: str, force: bool) -> Mac
 
 def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     # The checksum is added here and not in the fit: the package control reads no files.
     save_config(out, _sign_records(fitted, data), MACHINE_KIND)

@@ -75,7 +75,7 @@ def check_files(
 
 def list_kinds_by_name() -> dict[str, Any]:
     """Returns the kinds of configuration files by the short name of their format."""
-    from topdress.drivers.files.kinds import CONFIG_KINDS
+    from topdress.drivers.files.config_kinds import CONFIG_KINDS
 
     return {
         # "topdress-job/1" becomes "job", the word that a user types.
@@ -100,7 +100,7 @@ def format_schema(name: str) -> str:
 
 def write_all_schemas(folder: Path) -> None:
     """Writes `<kind>.json` for every kind, completely or not at all. Raises OSError."""
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in list_kinds_by_name():
@@ -109,8 +109,8 @@ def write_all_schemas(folder: Path) -> None:
 
 
 def _check_named_files(files: list[str], as_json: bool) -> None:
-    from topdress.drivers.files.kinds import CAB_KIND, JOB_KIND, MACHINE_KIND
-    from topdress.drivers.files.setup import find_disagreements
+    from topdress.drivers.files.config_kinds import CAB_KIND, JOB_KIND, MACHINE_KIND
+    from topdress.drivers.files.run_setup import find_disagreements
 
     wrong: list[str] = []
     notes: list[str] = []
@@ -150,7 +150,7 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
     """Returns kind and content of one configuration file; None for a task file, and for a wrong
     file. Appends a line to `notes` or `wrong` for each finding."""
     from topdress.drivers.files.config import load_any_config
-    from topdress.drivers.files.kinds import CONFIG_KINDS, JOB_KIND
+    from topdress.drivers.files.config_kinds import CONFIG_KINDS, JOB_KIND
 
     _refuse_no_configuration(Path(file))
     # An ISOXML file is no configuration, but people check what a folder of tasks contains.
@@ -206,9 +206,9 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
     from topdress.drivers.files.prescriptions.job_targets import find_map_check, read_job_plants
-    from topdress.drivers.files.setup import find_year_nitrogen, load_job_product
+    from topdress.drivers.files.run_setup import find_year_nitrogen, load_job_product
     from topdress.drivers.plain_text import RefusedInput
 
     folder = loaded.path.parent
@@ -243,7 +243,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 def _find_job_notes(loaded: Any) -> list[str]:
     """Returns notes on a job before work: missing or doubtful strips, and the crop's stage."""
     from topdress.control.agronomy.reference_strips import calc_measured_index, find_index_doubt
-    from topdress.drivers.files.setup import describe_growth, load_setup
+    from topdress.drivers.files.run_setup import describe_growth, load_setup
 
     try:
         setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.read_today())
@@ -289,8 +289,8 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
     """Returns notes on whether the heads of each cab, or without a cab the simulated heads, have
     the index that the job's crop needs."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
-    from topdress.drivers.files.setup import find_index_disagreements
+    from topdress.drivers.files.config_kinds import CROP_KIND
+    from topdress.drivers.files.run_setup import find_index_disagreements
 
     try:
         crop = load_config(job.model.crop, CROP_KIND, base=job.path.parent).model
@@ -308,7 +308,7 @@ def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
 def _check_job_rates(job: Any, machine_file: str) -> list[str]:
     """Returns notes on the rates of a job that the machine of a file cannot apply."""
     from topdress.console.cli.check_range import find_range_notes
-    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.files.run_setup import load_setup
 
     # Unreadable files are reported with the job.
     with suppress(ConfigError, ValueError, OSError):
@@ -319,7 +319,7 @@ def _check_job_rates(job: Any, machine_file: str) -> list[str]:
 
 def _check_products(machine: Any, jobs: list[Any]) -> list[str]:
     """Returns notes on the jobs' products on this machine."""
-    from topdress.drivers.files.setup import describe_product, load_job_product
+    from topdress.drivers.files.run_setup import describe_product, load_job_product
 
     found = []
     for job in jobs:

@@ -10,7 +10,7 @@ from topdress.control.field.job import Job
 from topdress.control.metering.rate_range import find_rate_range, find_speed_range
 from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES, TargetSource
 from topdress.drivers.files.prescriptions.job_targets import find_map_rates
-from topdress.drivers.files.setup import Setup
+from topdress.drivers.files.run_setup import Setup
 
 MPS_PER_KMH = 1.0 / 3.6
 

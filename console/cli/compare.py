@@ -137,7 +137,7 @@ def _write_result(
             typer.echo(line)
     if report is not None:
         from topdress.console.reports.compare_page import make_compare_page
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
 
         write_atomically(report, make_compare_page(found, old, new))
         typer.echo(f"report: {report}", err=True)

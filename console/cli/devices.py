@@ -33,7 +33,7 @@ def list_devices(
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
     from serial.tools.list_ports import comports
-    from topdress.drivers.devices.probe import PROBE_BAUD_RATES
+    from topdress.drivers.devices.protocol_probe import PROBE_BAUD_RATES
     from topdress.drivers.devices.rate_module import DEFAULT_CONSOLE_PORT
 
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
@@ -76,7 +76,7 @@ def list_devices(
 
 def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     """Returns a description of the device at a port, and whether the port could be opened."""
-    from topdress.drivers.devices.probe import probe_port
+    from topdress.drivers.devices.protocol_probe import probe_port
     from topdress.drivers.ports import open_port
 
     found = probe_port(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
@@ -95,7 +95,7 @@ def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
 
 def _probe_modules(url: str, seconds: float) -> tuple[str, bool]:
     from topdress.drivers.datagrams import UdpPort
-    from topdress.drivers.devices.probe import recognise_modules
+    from topdress.drivers.devices.protocol_probe import recognise_modules
 
     port = UdpPort(url, time.monotonic)
     heard: list[bytes] = []

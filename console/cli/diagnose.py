@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Cause, Diagnosis
     from topdress.control.diagnosis.runs.several import JointDiagnosis
     from topdress.control.machine.machine import Machine
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
 
 # `diagnose --adopt` writes everything that is decided, and of the undecided causes only those
@@ -84,7 +84,7 @@ def adopt_findings(
     from topdress.control.diagnosis.extend import check_adoptable, extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.drivers.files.config import calc_sha256, save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     # All causes are checked before anything is printed or written.
     for cause in found.causes:
@@ -464,7 +464,7 @@ def _make_progress() -> Any:
 
 def _load_job_setup(machine: str, job: str) -> Setup:
     from topdress.control.orders import TargetSource
-    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.files.run_setup import load_setup
 
     setup = load_setup(machine, job, day_clock.read_today())
     # Other targets need a map or plants, which this comparison does not load.
@@ -529,7 +529,7 @@ def _write_result(
     tools: dict[str, Any],
 ) -> None:
     from topdress.console.reports.diagnosis_text import summarise_terminal
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
 
     if sys.stderr.isatty():
         # The escape sequence clears the line of the progress display before the result.

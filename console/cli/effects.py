@@ -44,7 +44,7 @@ def list_effects(
     loaded = load_machine(machine)
     if as_page is not None:
         from topdress.console.reports.effects_page import format_effects_page
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
 
         refuse_collisions(
             [find_machine_file(machine)],

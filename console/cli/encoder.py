@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from topdress.console.cli.at_the_bench import (
+from topdress.console.cli.bench_session import (
     DEVICE_TIMEOUT_S,
     BenchOperator,
     Keyboard,
@@ -30,7 +30,7 @@ from topdress.drivers import day_clock
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, ShaftTurned
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 
 if TYPE_CHECKING:
     from topdress.control.calibration.least_squares import FittedInterval

@@ -96,7 +96,7 @@ def convert_field(
     require_suffix("--out", out, ".yaml", ".yml", *list_endings("write_field"))
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
-        from topdress.drivers.files.kinds import JOB_KIND
+        from topdress.drivers.files.config_kinds import JOB_KIND
 
         reads = [
             # AgOpenGPS stores a field as a folder of files; each of them is an input.
@@ -145,7 +145,7 @@ def _read_field(source: Path, name: str | None) -> FieldData:
             return one.read_field(source)
     if source.suffix.lower() in (".yaml", ".yml"):
         from topdress.drivers.files.config import load_config
-        from topdress.drivers.files.kinds import JOB_KIND
+        from topdress.drivers.files.config_kinds import JOB_KIND
 
         return build_field_data(load_config(source, JOB_KIND).model.field, str(source))
     return read_field_shapes(source, name)
@@ -153,8 +153,8 @@ def _read_field(source: Path, name: str | None) -> FieldData:
 
 def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
     from topdress.drivers.files.config import load_config, save_config
+    from topdress.drivers.files.config_kinds import JOB_KIND
     from topdress.drivers.files.fields.field_data import build_job_ground
-    from topdress.drivers.files.kinds import JOB_KIND
 
     loaded = load_config(job, JOB_KIND)
     # Files that the job names are relative to its folder; the new job lies elsewhere.
@@ -168,8 +168,8 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     each start."""
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load_config, save_config
+    from topdress.drivers.files.config_kinds import JOB_KIND
     from topdress.drivers.files.fields.worked_area import read_worked_area
-    from topdress.drivers.files.kinds import JOB_KIND
 
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
         raise CommandError(

@@ -104,8 +104,8 @@ def run_fleet(
     from topdress.console.services.fleet_job import FORMAT
     from topdress.console.services.fleet_tables import TABLE_COLUMNS
     from topdress.drivers.files.config import calc_sha256, load_config
-    from topdress.drivers.files.extras import require_extras
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
+    from topdress.drivers.files.optional_packages import require_extras
     from topdress.drivers.files.run_meta import find_software_version
 
     # All extras are checked at once, so that the user installs them in one step.
@@ -189,7 +189,7 @@ def _print_season(
     from topdress.console.services.fleet_metadata import apply_list_row
     from topdress.console.services.fleet_season import make_season
     from topdress.console.services.fleet_tables import write_tables
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.run_meta import find_software_version
 
     for line in (*found.blind, *found.gone):

@@ -35,7 +35,7 @@ def print_history(
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.machine.history import find_last_change, undo_last_change
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     if undo != (out is not None):
         raise CommandError(

@@ -23,7 +23,7 @@ from topdress.console.cli.plain_output import AsJson, print_json
 if TYPE_CHECKING:
     from topdress.drivers.files.imports.guess_result import ImportGuess
     from topdress.drivers.files.imports.mapping import ImportFile
-    from topdress.drivers.files.imports.raw import RawTable
+    from topdress.drivers.files.imports.raw_table import RawTable
 
 
 # The answer as data, and as lines.
@@ -200,7 +200,7 @@ def _find_full_values(machine: str | None) -> dict[str, float]:
 def _write_guess(
     files: list[Path], place: Path, given: _ImportOptions, force: bool
 ) -> _ImportAnswer:
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.imports.guess_result import format_first_import
 
     # The guess reads the files, so an output among them would destroy its own input.
@@ -241,8 +241,8 @@ def _import_files(
 ) -> _ImportAnswer:
     from topdress.drivers.files.columns import count_rows
     from topdress.drivers.files.imports.convert import convert_table
-    from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import is_import_of, write_imported_log
+    from topdress.drivers.files.imports.log_join import join_files
     from topdress.drivers.files.imports.table_reader import read_raw_table
 
     reads = [*_list_read_files(files), *([] if mapping_file is None else [mapping_file])]

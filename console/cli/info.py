@@ -57,7 +57,11 @@ def print_info(as_json: AsJson = False) -> None:
 
 
 def _find_versions() -> dict[str, str]:
-    from topdress.drivers.files.extras import OWN_PACKAGE, find_version, parse_package_name
+    from topdress.drivers.files.optional_packages import (
+        OWN_PACKAGE,
+        find_version,
+        parse_package_name,
+    )
     from topdress.drivers.files.run_meta import find_software_version
 
     names = (
@@ -103,7 +107,11 @@ def _describe_screen() -> dict[str, Any]:
 
 
 def _list_extra_states() -> list[dict[str, Any]]:
-    from topdress.drivers.files.extras import EXTRAS, format_extra_line, is_extra_installed
+    from topdress.drivers.files.optional_packages import (
+        EXTRAS,
+        format_extra_line,
+        is_extra_installed,
+    )
 
     return [
         {

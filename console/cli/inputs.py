@@ -69,7 +69,7 @@ def load_machine(name: str) -> Machine:
     """Returns the machine of a machine file, or of the name of a shipped file. Raises
     ConfigError."""
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     return load_config(name, MACHINE_KIND).model
 

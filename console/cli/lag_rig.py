@@ -12,7 +12,7 @@ from typing import Any
 
 import typer
 from topdress.console.app.frame_words import describe_refusal
-from topdress.console.cli.at_the_bench import (
+from topdress.console.cli.bench_session import (
     BenchOperator,
     Keyboard,
     end_on_signals,
@@ -45,7 +45,7 @@ def measure_lag(
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
     if board is None:
-        from topdress.console.cli.drop_by_hand import measure_drop
+        from topdress.console.cli.drop_test import measure_drop
 
         with end_on_signals():
             measure_drop(rig, out, repeats)

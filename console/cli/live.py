@@ -25,7 +25,7 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import format_json_line
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerFailed, find_running_worker
-from topdress.drivers.files.extras import require_extras
+from topdress.drivers.files.optional_packages import require_extras
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client

@@ -150,9 +150,9 @@ def make_machine_file(
     is where it has one."""
     from topdress.control.calibration.first_machine import MissingColumn, suggest_machine
     from topdress.drivers.files.any_log import open_any_log
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")

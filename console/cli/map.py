@@ -255,7 +255,7 @@ def _convert_prescription(
         read = read_prescription(source, choice)
     # a map of an index, as rates by the rule of a job's crop
     else:
-        from topdress.drivers.files.setup import load_setup
+        from topdress.drivers.files.run_setup import load_setup
 
         # Only the rule of this setup is used, and any machine gives it; --machine serves the
         # raster's width.
@@ -359,7 +359,7 @@ def _export_log(
 ) -> None:
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
-    from topdress.drivers.files.exports.columns import summarise_export
+    from topdress.drivers.files.exports.export_columns import summarise_export
     from topdress.drivers.files.exports.export_writer import write_as_applied
 
     given = None
@@ -392,9 +392,9 @@ def _export_log(
 
 
 def _write_job_report(applied: AsApplied, out: Path, log: RunLog) -> None:
-    from topdress.console.reports.job_about import read_job_metadata
+    from topdress.console.reports.job_metadata import read_job_metadata
     from topdress.console.reports.job_page import make_job_page
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.run_meta import find_software_version
 
     out.parent.mkdir(parents=True, exist_ok=True)

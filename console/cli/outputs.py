@@ -80,7 +80,7 @@ def list_new_log_files(log: Path) -> tuple[Path, Path]:
 
 def find_machine_file(where: str) -> Path:
     """Returns the machine file of a shipped name or path. Raises ConfigError."""
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     return find_named_file(where, MACHINE_KIND.folder)
 

@@ -75,7 +75,7 @@ def guard_command(command: CommandFunction) -> CommandFunction:
 def _describe_unforeseen(error: Exception) -> tuple[str, int]:
     """A line and an exit code. The trace of an unforeseen error is for us, the line for the user;
     for a part that is not installed, the line installs it."""
-    from topdress.drivers.files.extras import find_extra, format_extra_line
+    from topdress.drivers.files.optional_packages import find_extra, format_extra_line
 
     if (
         isinstance(error, ModuleNotFoundError)

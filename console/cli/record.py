@@ -118,7 +118,7 @@ def _make_pass(
     prices: dict[str, float],
     currency: str | None,
 ) -> FarmPass:
-    from topdress.console.reports.job_about import read_job_metadata
+    from topdress.console.reports.job_metadata import read_job_metadata
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
     from topdress.drivers.files.exports.farm_record import FarmPass

@@ -18,7 +18,7 @@ from topdress.control.orders import Strategy
 
 if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
 
 def replay_log(
@@ -43,7 +43,7 @@ def replay_log(
     force: ForceOption = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
-    from topdress.console.services.rerun import load_rerun_setup
+    from topdress.console.services.replay_rerun import load_rerun_setup
     from topdress.drivers.files.any_log import open_any_log
 
     refuse_other_kinds([log], LOG_KINDS)
@@ -65,7 +65,7 @@ def replay_log(
 
 
 def _run_headless(recorded: RunLog, out: Path, setup: Setup) -> None:
-    from topdress.console.services.rerun import rerun_loop
+    from topdress.console.services.replay_rerun import rerun_loop
     from topdress.drivers.files.run_meta import make_run_meta
 
     print_note_lines((*recorded.findings, *setup.job.warnings))

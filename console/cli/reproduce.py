@@ -37,7 +37,7 @@ def reproduce_papers(
     """Recompute the three papers: published next to obtained."""
     from topdress.console.reports.html import GENERATOR_META
     from topdress.console.reports.paper_page import make_paper_page
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.run_meta import find_software_version
 
     before = [*out.glob("[0-9]-[0-9]*.csv")]
@@ -64,12 +64,12 @@ def reproduce_papers(
 
 def run_papers(seed: int) -> list[Section]:
     """Returns every section of the page. Takes about half a minute."""
-    from topdress.control.papers.decision import make_decision_section
-    from topdress.control.papers.elements import make_elements_section
-    from topdress.control.papers.lag import make_lag_section
+    from topdress.control.papers.decision_paper import make_decision_section
+    from topdress.control.papers.lag_paper import make_lag_section
     from topdress.control.papers.page import summarise_claims
-    from topdress.control.papers.points import make_points_section
-    from topdress.drivers.files.setup import load_setup
+    from topdress.control.papers.paper_elements import make_elements_section
+    from topdress.control.papers.point_paper import make_points_section
+    from topdress.drivers.files.run_setup import load_setup
 
     setup = load_setup("huanghai", "demo", PAPER_DAY)
     papers: list[Callable[[], Section]] = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from topdress.console.attached import NAME_VARIABLE
+from topdress.console.attached_consoles import NAME_VARIABLE
 
 
 def run_console(

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from topdress.console.services.launcher import Launcher
     from topdress.drivers.files.config import LoadedConfig
     from topdress.drivers.files.read_log import RunLog
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
     # The setup, and its configuration files by kind.
     SetupFiles = tuple[Setup, Mapping[str, LoadedConfig[BaseModel]]]
@@ -84,8 +84,8 @@ def show_run(
     from topdress.console.services.line_files import StoredGuideLineFiles
     from topdress.console.services.live_checker import LiveChecker
     from topdress.console.services.settings import read_settings_store
-    from topdress.console.services.sound import SoundPlayer
-    from topdress.drivers.files.extras import is_extra_installed
+    from topdress.console.services.sound_player import SoundPlayer
+    from topdress.drivers.files.optional_packages import is_extra_installed
 
     async def attach_to_running() -> Link:
         # This import comes after the start of the worker, which takes as long to start as the whole
@@ -201,7 +201,7 @@ def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAdd
 
 def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
     """Returns the setup and its files by kind. Raises ConfigError."""
-    from topdress.drivers.files.setup import build_setup, load_by_kind
+    from topdress.drivers.files.run_setup import build_setup, load_by_kind
 
     found = load_by_kind(config)
     return build_setup(found, day_clock.read_today()), found
@@ -219,7 +219,7 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
     def make_calibrate() -> CalibrateService:
         from topdress.console.services.calibrate import make_calibrate_service
-        from topdress.drivers.files.kinds import CAB_KIND
+        from topdress.drivers.files.config_kinds import CAB_KIND
 
         setup, found = files()
         cab = found.get(CAB_KIND.format)
@@ -230,7 +230,7 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
     def make_diagnosis() -> DiagnosisFiles:
         from topdress.console.services.diagnosis import DiagnosisFiles
-        from topdress.drivers.files.kinds import MACHINE_KIND
+        from topdress.drivers.files.config_kinds import MACHINE_KIND
 
         found = files()[1]
         folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
@@ -240,12 +240,12 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
         return DiagnosisFiles(folders, machine, effects)
 
     def make_log_files() -> LogFiles:
-        from topdress.console.services.logs import RunLogs
+        from topdress.console.services.run_logs import RunLogs
 
         return RunLogs()
 
     def make_map_layers() -> OverlayFiles:
-        from topdress.console.services.layers import StoredOverlayFiles
+        from topdress.console.services.overlay_files import StoredOverlayFiles
 
         return StoredOverlayFiles(diagnosed)
 
@@ -292,9 +292,9 @@ def show_replay(recorded: RunLog) -> None:
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.services import Services
     from topdress.console.services.field import make_field_picture
-    from topdress.console.services.layers import StoredOverlayFiles
-    from topdress.console.services.logs import RunLogs
+    from topdress.console.services.overlay_files import StoredOverlayFiles
     from topdress.console.services.replay_frames import open_replay
+    from topdress.console.services.run_logs import RunLogs
     from topdress.console.services.settings import read_settings_store
 
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")

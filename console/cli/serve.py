@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 from topdress.console.cli.plain_errors import CommandError
-from topdress.drivers.files.extras import require_extras
+from topdress.drivers.files.optional_packages import require_extras
 
 # The alphabet excludes letters that resemble each other.
 TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"

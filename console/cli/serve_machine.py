@@ -72,9 +72,9 @@ def serve_virtual_machine(
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import add_simulated_field, make_plant
     from topdress.drivers.devices.rate_module import DEFAULT_MODULE_PORT
-    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.files.run_setup import load_setup
     from topdress.drivers.virtual.faults import parse_fault
-    from topdress.drivers.virtual.served import ServedMachine, ServeOptions
+    from topdress.drivers.virtual.served_machine import ServedMachine, ServeOptions
 
     setup = load_setup(machine, job, day_clock.read_today())
     field = add_simulated_field(

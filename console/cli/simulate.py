@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from topdress.control.machine.terms import Term
     from topdress.control.simulation.closed_loop import RunRecord
     from topdress.control.simulation.dose_watch import DoseWatch
-    from topdress.control.targets.point import DoseThreshold
+    from topdress.control.targets.point_mode import DoseThreshold
     from topdress.drivers.files.prescriptions.job_targets import LoopTargets
     from topdress.drivers.files.run_log import PlainLogWriter
     from topdress.drivers.files.run_meta import RunMeta
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
 # Control loop and simulator share a step of 0.05 s, i.e. 20 ticks a second as on the machine.
 TICK_PERIOD_S = 0.05
@@ -113,10 +113,10 @@ def run_simulation(
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.machine.parameter_uncertainty import make_plausible_machine
     from topdress.control.simulation.assembly import add_simulated_field
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.prescriptions.job_targets import find_map_check, read_loop_targets
-    from topdress.drivers.files.setup import find_index_disagreements, load_setup
+    from topdress.drivers.files.run_setup import find_index_disagreements, load_setup
 
     # The files are loaded before the outputs are checked, because they count as inputs.
     setup = load_setup(machine, job, day_clock.read_today())
@@ -233,7 +233,7 @@ def _simulate_run(
     from topdress.control.simulation.assembly import make_control_loop, make_plant
     from topdress.control.simulation.closed_loop import RunRecord, simulate_run
     from topdress.control.simulation.dose_watch import DoseWatch
-    from topdress.drivers.files.extras import is_extra_installed
+    from topdress.drivers.files.optional_packages import is_extra_installed
 
     compiled: CompiledSteps | None = None
     # Compiling takes seconds, which only a long run saves; it needs numba of the extra "diagnosis".
@@ -364,7 +364,7 @@ def _format_truth(record: RunRecord, width_m: float) -> str:
 def _print_summary(
     run: _SimulatedRun, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
 ) -> None:
-    from topdress.control.field.across import describe_width_error, measure_width_error
+    from topdress.control.field.width_error import describe_width_error, measure_width_error
     from topdress.control.orders import TargetSource
     from topdress.control.simulation.error_metrics import judge_run
 

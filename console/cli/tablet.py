@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.app.services import Services
-from topdress.console.app.tablet import NO_MACHINE_TEXT, TabletApp, TabletKey
+from topdress.console.app.tablet_app import NO_MACHINE_TEXT, TabletApp, TabletKey
 from topdress.console.link import Link
 from topdress.console.locale import _
 from topdress.console.running import (
@@ -28,8 +28,8 @@ from topdress.console.running import (
     find_running_worker,
 )
 from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
-from topdress.console.worker.system import make_private_folder, write_private_file
-from topdress.drivers.files.lock import take_lock
+from topdress.console.worker.real_time import make_private_folder, write_private_file
+from topdress.drivers.files.process_lock import take_lock
 
 # Limit of the address space, bytes; a tab with a long log has some 2 GB of addresses, and uses a
 # tenth.

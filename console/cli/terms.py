@@ -64,7 +64,7 @@ def _validate_term(data: dict[str, Any]) -> Term:
 
 def describe_terms() -> list[str]:
     """Returns lines that explain a term, its targets, its functional forms and its variables."""
-    from topdress.control.machine.form import FORMS
+    from topdress.control.machine.term_form import FORMS
     from topdress.control.machine.terms import (
         TARGET_STAGES,
         TARGET_UNITS,

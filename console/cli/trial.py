@@ -56,10 +56,10 @@ def run_trial(
     and yields by plot."""
     from topdress.console.reports.html import GENERATOR_META
     from topdress.console.reports.paper_page import make_paper_page
-    from topdress.control.papers.trial import make_trial_section
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.control.papers.field_trial import make_trial_section
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.run_meta import find_software_version
-    from topdress.drivers.files.trial import read_trial
+    from topdress.drivers.files.trial_plots import read_trial
 
     refuse_other_kinds([one for one in (log, after) if one is not None], LOG_KINDS)
     reads = [

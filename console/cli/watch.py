@@ -41,7 +41,7 @@ def watch_log(
     ends."""
     from topdress.console.cli.plain_errors import CommandError
     from topdress.console.services.live_check import LOG_POLL_S, follow_log, lower_priority
-    from topdress.control.diagnosis.live.watch import MIN_LOG_S
+    from topdress.control.diagnosis.live.growing_log_check import MIN_LOG_S
 
     if log.exists() or to_end:
         refuse_other_kinds([log], LOG_KINDS)

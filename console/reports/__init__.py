@@ -3,7 +3,7 @@ and charts.
 
 Files:
 
-- `binned`: How does a residual depend on a variable?
+- `binned_means`: How does a residual depend on a variable?
 - `chart`: How are charts drawn as SVG?
 - `compare_page`: How are two machine files compared on the same logs?
 - `diagnosis_html`: How is a diagnosis shown as one self-contained HTML file?
@@ -12,11 +12,11 @@ Files:
 - `effects_page`: How is the catalogue of effects written as a page of documentation?
 - `fleet_page`: How does an owner of machines see a season?
 - `html`: How are words written into HTML?
-- `job_about`: Which facts besides the figures does the report of a job contain?
+- `job_metadata`: Which facts besides the figures does the report of a job contain?
 - `job_page`: How is a job reported? The page shows the applied rates by position, the total
 - `live_words`: How does one line show a departure from the model, in the language in use?
 - `notebook`: How is a diagnosis shown in a notebook?
-- `numbers`: How are numbers written for people?
+- `number_text`: How are numbers written for people?
 - `panels`: Which parts of pictures do runs and tables share?
 - `paper_page`: How does the page of `topdress reproduce` compare the papers' published numbers
 - `pictures`: Which pictures does a diagnosis have?
@@ -25,5 +25,5 @@ Files:
 - `table_pictures`: Which pictures show a bench table?
 - `table_views`: How does a report show a bench table?
 - `term_words`: How is a term described in one sentence, for terminal, report and page?
-- `variables`: Which plain words and units do recorded variables and settings have?
+- `variable_names`: Which plain words and units do recorded variables and settings have?
 """

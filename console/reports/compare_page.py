@@ -22,7 +22,7 @@ from topdress.console.reports.html import (
     format_table,
     make_page,
 )
-from topdress.console.reports.numbers import format_number
+from topdress.console.reports.number_text import format_number
 from topdress.console.reports.panels import MEASURED_LABEL
 from topdress.control.diagnosis.runs.compared import Compared, ComparedChannel
 

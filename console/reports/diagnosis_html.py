@@ -21,7 +21,7 @@ from topdress.console.reports.html import (
     format_table,
     make_page,
 )
-from topdress.console.reports.numbers import (
+from topdress.console.reports.number_text import (
     count_decimals,
     format_duration,
     format_fixed,

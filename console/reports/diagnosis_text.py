@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from topdress.console.reports import diagnosis_wording
-from topdress.console.reports.numbers import format_p_value
+from topdress.console.reports.number_text import format_p_value
 from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.diagnosis.runs.rates import describe_rate_value

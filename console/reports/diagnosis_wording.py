@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from topdress.console.locale import N_, _
-from topdress.console.reports.numbers import (
+from topdress.console.reports.number_text import (
     count_decimals,
     format_fixed,
     format_number,
@@ -19,7 +19,7 @@ from topdress.console.reports.numbers import (
     format_short,
     use_plain_minus,
 )
-from topdress.console.reports.variables import find_variable
+from topdress.console.reports.variable_names import find_variable
 from topdress.control.diagnosis.extend import find_cause_refusal, find_term_refusal, is_in_drive_fit
 from topdress.control.diagnosis.result import (
     RUN_CHANNELS,

@@ -19,14 +19,14 @@ from topdress.console.reports.html import (
     format_table,
     make_page,
 )
-from topdress.console.reports.numbers import format_fixed
+from topdress.console.reports.number_text import format_fixed
 from topdress.control.diagnosis.season.effect_timelines import (
     InseparableLevels,
     SeasonCause,
     SeasonFit,
     is_wearing,
 )
-from topdress.control.diagnosis.season.mixed import Alternative
+from topdress.control.diagnosis.season.mixed_model import Alternative
 from topdress.control.diagnosis.season.season_cost import (
     LowHopperOperator,
     MachineCost,

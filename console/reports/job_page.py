@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from topdress.console.colour_scale import COLOUR_STEPS, find_rate_colour
 from topdress.console.reports.chart import (
     AFTER_COLOUR,
     BEFORE_COLOUR,
@@ -21,15 +22,14 @@ from topdress.console.reports.html import (
     format_section,
     make_page,
 )
-from topdress.console.reports.job_about import (
+from topdress.console.reports.job_metadata import (
     NO_METADATA,
     JobMetadata,
     draw_time_line,
     format_names,
 )
-from topdress.console.reports.numbers import format_duration, format_fixed, format_number
-from topdress.console.scale import COLOUR_STEPS, find_rate_colour
-from topdress.control.field.across import describe_width_error
+from topdress.console.reports.number_text import format_duration, format_fixed, format_number
+from topdress.control.field.width_error import describe_width_error
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.exports.as_applied import AsApplied
 

@@ -27,7 +27,7 @@ from topdress.console.reports.html import (
     format_figure,
     format_table,
 )
-from topdress.console.reports.numbers import format_number, format_with_interval
+from topdress.console.reports.number_text import format_number, format_with_interval
 from topdress.console.reports.term_words import describe_term as term_sentence
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.compared import Compared
@@ -74,7 +74,7 @@ class Pictures:
     def save(self, path: str | Path) -> Path:
         """Writes the pictures as a page to `path` (.html). Raises OSError."""
         from topdress.console.reports.html import make_page
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
 
         place = Path(path)
         write_atomically(place, make_page("Pictures of a diagnosis", self._repr_html_()))
@@ -224,7 +224,7 @@ def load_named_machine(name: str) -> Machine:
     line."""
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     try:
         return load_config(name, MACHINE_KIND).model

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import BinnedMeans, ResidualAxis
+from topdress.console.reports.binned_means import BinnedMeans, ResidualAxis
 from topdress.console.reports.chart import (
     AFTER_COLOUR,
     BEFORE_COLOUR,

@@ -15,7 +15,7 @@ from topdress.console.reports.html import (
     format_table,
     make_page,
 )
-from topdress.console.reports.numbers import format_fixed
+from topdress.console.reports.number_text import format_fixed
 from topdress.control.papers.page import Picture, Section, Table, TableCell
 
 SERIES_COLOURS = {"published": BEFORE_COLOUR, "ours": AFTER_COLOUR, "other": THIRD_COLOUR}

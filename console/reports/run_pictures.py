@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import ResidualAxis, calc_shown_share
+from topdress.console.reports.binned_means import ResidualAxis, calc_shown_share
 from topdress.console.reports.chart import (
     AFTER_COLOUR,
     BEFORE_COLOUR,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import (
+from topdress.console.reports.binned_means import (
     BinnedMeans,
     ResidualAxis,
     calc_binned_means,
@@ -18,7 +18,7 @@ from topdress.console.reports.binned import (
     calc_shown_share,
     find_telling_axis,
 )
-from topdress.control.diagnosis.prediction.on_log import LogPredictor
+from topdress.control.diagnosis.prediction.log_prediction import LogPredictor
 from topdress.control.diagnosis.result import Cause
 from topdress.control.diagnosis.runs.channels import ChannelSeries, make_channels
 from topdress.control.diagnosis.runs.drives import Drive

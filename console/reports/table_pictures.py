@@ -25,7 +25,7 @@ from topdress.console.reports.panels import (
     draw_smooth_line,
 )
 from topdress.console.reports.table_views import MeasuredColumn, RowGroup
-from topdress.console.reports.variables import find_variable
+from topdress.console.reports.variable_names import find_variable
 from topdress.control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from topdress.control.calibration.bench_table import BenchTable, select_usable_r
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
 from topdress.control.diagnosis.result import Cause
 from topdress.control.diagnosis.tables.duplicate_rows import remove_duplicates
-from topdress.control.diagnosis.tables.rows import make_table_pieces
+from topdress.control.diagnosis.tables.table_rows import make_table_pieces
 from topdress.control.diagnosis.tables.table_series import (
     MeasuredSeries,
     SizedEffect,

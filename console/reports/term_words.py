@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from topdress.console.locale import N_, _
-from topdress.console.reports.numbers import format_short
-from topdress.control.machine.form import FORMS, SHAFT_ANGLE
+from topdress.console.reports.number_text import format_short
 from topdress.control.machine.machine import CATALOGUE, Change
+from topdress.control.machine.term_form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.term_sums import explain_not_compensated, explain_partly_compensated
 from topdress.control.machine.terms import TARGET_STAGES, Term, TermTarget, parse_term
 from topdress.control.signals import SIGNALS

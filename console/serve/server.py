@@ -24,7 +24,7 @@ from aiohttp import WSCloseCode, web
 from aiohttp.web_protocol import RequestHandler
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
-from topdress.console.attached import clean_name
+from topdress.console.attached_consoles import clean_name
 from topdress.console.serve.tab_console import TabConsole
 
 # Consoles at once; a console counts until its process has ended.

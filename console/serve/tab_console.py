@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from textual_serve.app_service import AppService
-from topdress.console.attached import NAME_VARIABLE
+from topdress.console.attached_consoles import NAME_VARIABLE
 from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
 
 # Time for a console to end after a request, s; idle it takes 0.2 s. Then the system terminates it.

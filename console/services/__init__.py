@@ -17,18 +17,18 @@ Files:
 - `foreign_files`: Which files come from other machines and programs
 - `job`: How does the Job screen work with files?
 - `launcher`: How does the console start control workers, and with which files?
-- `layers`: How does the Map page show files of other days?
 - `line_files`: How are the A-B line and a boundary during its drive stored?
 - `live_check`: How does the live check run as a process of its own
 - `live_checker`: How does the console run the live check?
-- `logs`: Which logs can the Replay page open?
-- `map_refused`: Why is a file refused as a prescription?
-- `recent`: Which jobs were worked lately?
+- `map_refusal`: Why is a file refused as a prescription?
+- `overlay_files`: How does the Map page show files of other days?
+- `recent_jobs`: Which jobs were worked lately?
 - `removable_media`: Where are prescriptions?
 - `replay_frames`: How does a run log become frames for the Replay screen?
-- `rerun`: How is the control loop run again on the measurements of a log
+- `replay_rerun`: How is the control loop run again on the measurements of a log
+- `run_logs`: Which logs can the Replay page open?
 - `running_limits`: Which limits does a running machine use, and what happened earlier in its run?
 - `separating_run`: How is the run that separates rival causes driven on the simulated machine and
 - `settings`: How are the user's settings for the console stored?
-- `sound`: How do alarms sound? A command of the user is started and not waited for
+- `sound_player`: How do alarms sound? A command of the user is started and not waited for
 """

@@ -25,7 +25,7 @@ from topdress.console.services.launcher import find_data_folder
 from topdress.control.machine.flow import calc_grams_per_rev
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock
-from topdress.drivers.files.atomic import find_free_path
+from topdress.drivers.files.atomic_files import find_free_path
 
 if TYPE_CHECKING:
     from topdress.control.calibration.bench_table import BenchTable
@@ -375,9 +375,9 @@ def save_calibrated(
     from topdress.control.calibration.lag_fit import fit_lag as fit_line
     from topdress.control.calibration.tube_fit import settle_tube
     from topdress.drivers.files import config
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.bench_table import read_bench_table
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     path = folder / f"{name.removesuffix('.yaml')}.yaml"
     # A catch test was typed by hand, so its table is saved too: otherwise its data would be lost.

@@ -39,10 +39,10 @@ from topdress.console.services.diagnosis_job import (
 )
 from topdress.console.services.foreign_files import is_importable, is_likely_log
 from topdress.console.services.launcher import find_data_folder
-from topdress.console.threads import ONE_THREAD_VARIABLES
+from topdress.console.thread_limits import ONE_THREAD_VARIABLES
 from topdress.drivers import day_clock
-from topdress.drivers.files.atomic import find_free_path
-from topdress.drivers.files.extras import (
+from topdress.drivers.files.atomic_files import find_free_path
+from topdress.drivers.files.optional_packages import (
     find_installer,
     format_extra_line,
     is_extra_installed,
@@ -331,7 +331,7 @@ class DiagnosisFiles:
         """Writes the machine file without its last change; returns its path."""
         from topdress.control.machine.history import undo_last_change
         from topdress.drivers.files.config import save_config
-        from topdress.drivers.files.kinds import MACHINE_KIND
+        from topdress.drivers.files.config_kinds import MACHINE_KIND
 
         today = day_clock.read_today().isoformat()
         back = undo_last_change(self._load_machine(machine), date=today)
@@ -342,7 +342,7 @@ class DiagnosisFiles:
 
     def _load_machine(self, machine: str | None) -> Machine:
         from topdress.drivers.files.config import load_config
-        from topdress.drivers.files.kinds import MACHINE_KIND
+        from topdress.drivers.files.config_kinds import MACHINE_KIND
 
         found: Machine = load_config(machine or self.machine, MACHINE_KIND).model
         return found
@@ -359,7 +359,7 @@ class DiagnosisFiles:
         """Writes the separating run as a job file; returns its path. Raises ValueError."""
         from topdress.console.services.separating_run import make_drive
         from topdress.drivers.files.config import load_config, save_config
-        from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
+        from topdress.drivers.files.config_kinds import JOB_KIND, MACHINE_KIND
 
         run = found.found.next_run
         if run is None or not found.drives:
@@ -454,7 +454,7 @@ def _format_choice_comment(found: DiagnosisView, chosen: Adoption) -> str:
 
 
 def _copy_to_folder(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
     path = find_free_path(folder, stem, ending)

@@ -100,7 +100,7 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     from topdress.control.diagnosis.runs.compared import compared
     from topdress.control.machine.history import undo_last_change
     from topdress.drivers.files.any_log import open_any_log
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
 
     # The order's machine is the changed file; its own history gives the file before.
     after = find_order_machine(order)
@@ -141,7 +141,7 @@ def drive_simulated_run(
     from topdress.control.simulation.closed_loop import simulate_run
     from topdress.drivers.files.run_log import PlainLogWriter
     from topdress.drivers.files.run_meta import make_run_meta
-    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.files.run_setup import load_setup
 
     # Tick of the control loop, s.
     dt_s = 0.05
@@ -183,7 +183,7 @@ def _diagnose_and_write(
     """Diagnoses the data and writes view, result and report. `notes` are those of the import."""
     from topdress.console.app.pages.diagnosis.adoption import list_selections
     from topdress.console.services.diagnosis_view import calc_mean_target, make_diagnosis_view
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.plain_data import convert_to_plain
 
     folder = Path(order.folder)
@@ -232,7 +232,7 @@ def _diagnose_and_write(
 def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     """Writes the page with pictures."""
     from topdress.console.reports.diagnosis_html import make_diagnosis_page
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
 
     with_date = tools | {"date": day_clock.read_today().isoformat()}
     write_atomically(path, make_diagnosis_page(found, with_date))
@@ -248,7 +248,7 @@ def _write_adoption_offer(
     from topdress.control.diagnosis.extend import extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.drivers.files.config import calc_sha256, save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     # The drive's joint fit is adopted only if the operator selected it.
     fitted = (

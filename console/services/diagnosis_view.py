@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from topdress.console.app.pages.diagnosis.service import CauseCurves, DiagnosisView, ResidualCurve
-from topdress.console.reports.binned import Array, BinnedMeans, ResidualAxis
+from topdress.console.reports.binned_means import Array, BinnedMeans, ResidualAxis
 from topdress.console.reports.diagnosis_wording import sort_adoptable, sort_headlines
 from topdress.console.reports.run_views import (
     ChannelView,

@@ -31,8 +31,8 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
 
     Raises ValueError, one line, where the job's files cannot be read.
     """
-    from topdress.drivers.files.atomic import find_sidecar
-    from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
+    from topdress.drivers.files.atomic_files import find_sidecar
+    from topdress.drivers.files.config_kinds import JOB_KIND, MACHINE_KIND
     from topdress.drivers.files.run_meta import parse_meta_yaml
 
     if not frame.log_path:
@@ -64,7 +64,7 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
 def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """Returns the plane of a job without an outline, which is its map's plane; None for other jobs.
     `log_folder` is the folder of the log."""
-    from topdress.drivers.files.kinds import JOB_KIND
+    from topdress.drivers.files.config_kinds import JOB_KIND
     from topdress.drivers.files.prescriptions.job_targets import read_job_map
 
     try:

@@ -34,8 +34,8 @@ from topdress.console.services.fleet_job import (
     read_record,
     run_each,
 )
-from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.extras import require_extras
+from topdress.drivers.files.atomic_files import write_atomically
+from topdress.drivers.files.optional_packages import require_extras
 
 # Both names are a contract: a second run finds the finished work by them.
 RECORDS_FOLDER, SEEN_FILES_NAME = "logs", "seen.json"

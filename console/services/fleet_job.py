@@ -132,7 +132,7 @@ def read_record(text: str) -> Any:
     Raises ValueError for text that is no JSON.
     """
     import numpy as np
-    from topdress.control.diagnosis.season.evidence import QuadraticForm
+    from topdress.control.diagnosis.season.log_evidence import QuadraticForm
 
     def compact_object(of: dict[str, Any]) -> Any:
         if "normal" in of:
@@ -158,10 +158,10 @@ def read_first_line(error: Exception) -> str:
 def _diagnose_log(
     where: str, options: StoreOptions, path: Path, default: Machine
 ) -> dict[str, Any]:
-    from topdress.control.diagnosis.season.evidence import collect_log_evidence
+    from topdress.control.diagnosis.season.log_evidence import collect_log_evidence
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.config import validate_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     log = open_any_log(path)
     if log.duration_s < MIN_LOG_S:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from topdress.control.diagnosis.season.effect_timelines import SeasonFit, fit_season
-from topdress.control.diagnosis.season.evidence import LogWork, SeasonLog
+from topdress.control.diagnosis.season.log_evidence import LogWork, SeasonLog
 from topdress.control.diagnosis.season.season_cost import (
     LogCostInput,
     LowHopperOperator,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 
 if TYPE_CHECKING:
     from topdress.console.services.fleet_season import FleetSeason

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from topdress.console.app.pages.diagnosis.service import ImportNeedsAnswersError
-from topdress.drivers.files.atomic import find_free_path
+from topdress.drivers.files.atomic_files import find_free_path
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, TABLE_SUFFIXES
 
 READ_SUFFIXES = TABLE_SUFFIXES | FOREIGN_SUFFIXES
@@ -66,13 +66,13 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
     OpenQuestions for an unsure guess, after writing the guess next to the file; LogImportError,
     ConfigError and OSError.
     """
-    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic_files import write_atomically
     from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.convert import convert_table
     from topdress.drivers.files.imports.guess import guess_import_file
     from topdress.drivers.files.imports.guess_result import format_first_import
-    from topdress.drivers.files.imports.join import join_files
     from topdress.drivers.files.imports.log_file import write_imported_log
+    from topdress.drivers.files.imports.log_join import join_files
     from topdress.drivers.files.imports.mapping import IMPORT_KIND
     from topdress.drivers.files.imports.table_reader import read_raw_table
 

@@ -34,7 +34,13 @@ from topdress.control.orders import MAP_SOURCES, TargetSource
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import LoadedConfig, find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import CAB_KIND, CROP_KIND, JOB_KIND, MACHINE_KIND, PRODUCT_KIND
+from topdress.drivers.files.config_kinds import (
+    CAB_KIND,
+    CROP_KIND,
+    JOB_KIND,
+    MACHINE_KIND,
+    PRODUCT_KIND,
+)
 from topdress.drivers.plain_text import RefusedInput
 
 # These modules are needed by the type checker only: the screens start sooner without them.
@@ -48,7 +54,7 @@ if TYPE_CHECKING:
     from topdress.control.targets.map_check import MapCheck
     from topdress.drivers.files.exports.as_applied import AsApplied
     from topdress.drivers.files.read_log import RunLog
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
 
 @contextlib.contextmanager
@@ -78,7 +84,7 @@ class JobFiles:
 
     def find_facts(self) -> JobFacts:
         """Returns facts about the files of the next start. Raises ValueError."""
-        from topdress.drivers.files.setup import build_setup, load_job_product
+        from topdress.drivers.files.run_setup import build_setup, load_job_product
 
         with shorten_config_error():
             found = self._load_files()
@@ -158,7 +164,7 @@ class JobFiles:
                 self._checked = key, error
         checked = self._checked[1]
         if isinstance(checked, RefusedInput):
-            from topdress.console.services.map_refused import describe_refusal
+            from topdress.console.services.map_refusal import describe_refusal
 
             return str(path), None, f"{path}: {describe_refusal(checked, path)}"
         if isinstance(checked, OSError):
@@ -202,13 +208,13 @@ class JobFiles:
 
     def list_recent(self) -> tuple[RecentSet, ...]:
         """Returns the file sets of recent jobs, the newest first."""
-        from topdress.console.services.recent import find_recent_sets
+        from topdress.console.services.recent_jobs import find_recent_sets
 
         return find_recent_sets(self._launcher.log_folder, self._folder)
 
     def choose_recent(self, recent: RecentSet) -> None:
         """Chooses the files of a recent job. Raises ValueError."""
-        from topdress.drivers.files.setup import build_setup, load_by_kind
+        from topdress.drivers.files.run_setup import build_setup, load_by_kind
 
         # The old set is checked before it is chosen, because a recent job's files may have been
         # moved or deleted since.
@@ -265,7 +271,7 @@ class JobFiles:
     def preview_map(self, path: str, reading: MapReading) -> MapPreview:
         """Returns a map as it would be read. Raises ValueError."""
         from topdress.console.services.field import make_job_picture
-        from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
+        from topdress.console.services.map_refusal import describe_map_refusal, describe_refusal
         from topdress.control.targets.prescription import calc_rate_shares
         from topdress.drivers.files.prescriptions.job_targets import find_map_check
         from topdress.drivers.files.prescriptions.map_choices import (
@@ -275,7 +281,7 @@ class JobFiles:
         )
         from topdress.drivers.files.prescriptions.map_reader import read_prescription
         from topdress.drivers.files.prescriptions.map_writer import write_prescription
-        from topdress.drivers.files.setup import build_setup
+        from topdress.drivers.files.run_setup import build_setup
 
         found = self._load_files()
         setup = build_setup(found, day_clock.read_today())
@@ -342,7 +348,7 @@ class JobFiles:
 
     def choose_map(self, preview: MapPreview) -> str:
         """Writes a map into the job; returns the comment. Raises ValueError."""
-        from topdress.drivers.files.atomic import find_free_path, write_atomically
+        from topdress.drivers.files.atomic_files import find_free_path, write_atomically
 
         place = find_free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
         target = load_config(
@@ -403,7 +409,7 @@ class JobFiles:
 
     def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
         """Returns the job files with their cards; None for an unreadable file."""
-        from topdress.console.services.recent import find_done_of_jobs, make_job_card
+        from topdress.console.services.recent_jobs import find_done_of_jobs, make_job_card
 
         now = _find_file_path(self._load_files(), JOB_KIND.format, "demo")
         done = find_done_of_jobs(self._launcher.log_folder)
@@ -415,7 +421,7 @@ class JobFiles:
     def _write_new_job(self, changes: dict[str, object], comment: str) -> str:
         """Writes the changed job. A job of the user keeps its file, and its earlier version goes to
         the folder `history`; another job is copied under its own name."""
-        from topdress.drivers.files.atomic import find_free_path
+        from topdress.drivers.files.atomic_files import find_free_path
 
         path = _find_file_path(self._load_files(), JOB_KIND.format, "demo")
         loaded = load_config(path, JOB_KIND)
@@ -457,7 +463,7 @@ class JobFiles:
     def _settle_changed_job(self) -> None:
         """Puts the changed job in its place, and the earlier job into the history; a second call
         reverses this. Raises ValueError."""
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
 
         if self._changed is None:
             return
@@ -476,7 +482,7 @@ class JobFiles:
 
     def _check_file_set(self, kind: str, value: str) -> None:
         """Checks the new set of files together. Raises ConfigError."""
-        from topdress.drivers.files.setup import build_setup, load_by_kind
+        from topdress.drivers.files.run_setup import build_setup, load_by_kind
 
         # Files that are valid alone can contradict each other, e.g. a job's rate and a machine's
         # limits.
@@ -491,7 +497,7 @@ class JobFiles:
         return (*kept, value)
 
     def _load_files(self) -> dict[str, LoadedConfig[BaseModel]]:
-        from topdress.drivers.files.setup import load_by_kind
+        from topdress.drivers.files.run_setup import load_by_kind
 
         return load_by_kind(self._launcher.config)
 
@@ -551,9 +557,9 @@ class JobFiles:
         self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
         """Writes the report of each part of the job. Raises ValueError, OSError."""
-        from topdress.console.reports.job_about import read_job_metadata
+        from topdress.console.reports.job_metadata import read_job_metadata
         from topdress.console.reports.job_page import MAX_DRAWN_SEGMENTS, make_job_page
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
         from topdress.drivers.files.exports.as_applied import DEFAULT_STRETCH_S, build_as_applied
         from topdress.drivers.files.run_meta import find_software_version
 
@@ -655,7 +661,7 @@ class JobFiles:
         """Returns the interrupted jobs on the field of the next start, the newest first; if no
         files are chosen, the newest of all. Raises ValueError."""
         from topdress.console.worker.resume_field import InterruptedJob, find_jobs_here
-        from topdress.drivers.files.setup import build_setup, load_by_kind
+        from topdress.drivers.files.run_setup import build_setup, load_by_kind
 
         now, config = day_clock.read_utc_now(), self._next or self._launcher.config
         if not config:

@@ -82,7 +82,12 @@ class Launcher:
         """
         from topdress.drivers.files.config import load_any_config
         from topdress.drivers.files.config_error import ConfigError
-        from topdress.drivers.files.kinds import CAB_KIND, CONFIG_KINDS, JOB_KIND, MACHINE_KIND
+        from topdress.drivers.files.config_kinds import (
+            CAB_KIND,
+            CONFIG_KINDS,
+            JOB_KIND,
+            MACHINE_KIND,
+        )
         from topdress.drivers.files.run_meta import read_sidecar_meta
 
         meta = read_sidecar_meta(log_path)
@@ -123,7 +128,7 @@ def _find_shipped_file(file: str) -> Path | None:
     """Returns the shipped file of this name; None for an unknown name."""
     from topdress.drivers.files.config import resolve_config_path
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.kinds import CONFIG_KINDS
+    from topdress.drivers.files.config_kinds import CONFIG_KINDS
 
     try:
         return resolve_config_path(file, [kind.folder for kind in CONFIG_KINDS.values()]).resolve()

@@ -46,7 +46,7 @@ def load_log_machine(log: Path, machine: str | None, default: str = DEFAULT_MACH
     """Returns the given machine, else the machine that the log names, else the default. Raises
     ConfigError."""
     from topdress.drivers.files.config import load_config, validate_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_log_meta
 
     if machine is None:
@@ -68,7 +68,7 @@ def follow_log(
     now. Rows earlier than the previous rows belong to another log, which is checked from its
     beginning. Raises TableError, ConfigError, OSError.
     """
-    from topdress.control.diagnosis.live.watch import LiveCheck
+    from topdress.control.diagnosis.live.growing_log_check import LiveCheck
     from topdress.drivers.files.growing_log import GrowingLog
 
     growing, check, state = GrowingLog(log), None, _FileReporter(log, tell)
@@ -129,7 +129,7 @@ def _split_rows(rows: Columns) -> Iterator[Columns]:
     """Yields rows that arrived together in steps of `CHECK_INTERVAL_S`, as they would have
     arrived."""
     import numpy as np
-    from topdress.control.diagnosis.live.watch import CHECK_INTERVAL_S
+    from topdress.control.diagnosis.live.growing_log_check import CHECK_INTERVAL_S
 
     looks = np.floor((rows["time_s"] - rows["time_s"][0]) / CHECK_INTERVAL_S)
     begins = [0, *(np.flatnonzero(np.diff(looks)) + 1).tolist(), len(looks)]

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from topdress.console.threads import ONE_THREAD_VARIABLES
+from topdress.console.thread_limits import ONE_THREAD_VARIABLES
 
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Departure

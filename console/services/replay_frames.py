@@ -108,11 +108,11 @@ def _make_what_if_frames(
     it is cancelled. Raises ValueError in one line."""
     import dataclasses
 
-    from topdress.console.services.rerun import load_rerun_setup, rerun_loop
+    from topdress.console.services.replay_rerun import load_rerun_setup, rerun_loop
     from topdress.control.field.job import make_rule
     from topdress.control.orders import Strategy
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
 
     setup = load_rerun_setup(
         recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None

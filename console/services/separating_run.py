@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from topdress.control.experiments.levels import list_opening_levels, list_shaft_levels
+from topdress.control.experiments.setting_levels import list_opening_levels, list_shaft_levels
 from topdress.control.field.job import Job, SpeedChange
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Do, Order, TargetSource

@@ -12,6 +12,7 @@ Files:
 - `loop_host`: Hosts the control loop: it runs one tick after the other at absolute deadlines
 - `options`: Parses the worker's options
 - `program`: Runs the worker as a program
+- `real_time`: Contains everything that differs between Linux, macOS and Windows
 - `requests`: What a client may send: one JSON object a line
 - `resume`: Reads and writes the snapshot next to the log, NAME.resume.json
 - `resume_alarms`: Records every alarm of a run
@@ -21,9 +22,8 @@ Files:
 - `resume_keeper`: Maintains the snapshot of a running job
 - `resume_tail`: Adds the last seconds before a power cut
 - `run_file`: Writes the run file, which tells where a worker listens and contains its token
-- `run_parts`: Declares the parts that a host drives
+- `run_interfaces`: Declares the parts that a host drives
 - `side_files`: Appends to files next to the log in a thread
 - `snapshots`: Lists the snapshots of jobs, NAME.resume.json
-- `system`: Contains everything that differs between Linux, macOS and Windows
 - `wire_format`: Converts frames, answers and the greeting to bytes, one JSON object per line
 """

@@ -22,7 +22,7 @@ from topdress.console.worker.resume_assemble import (
 from topdress.console.worker.resume_field import list_logs_here
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
-from topdress.console.worker.run_parts import MachineDevices, RunAssembly, RunNames
+from topdress.console.worker.run_interfaces import MachineDevices, RunAssembly, RunNames
 from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
@@ -45,11 +45,11 @@ from topdress.drivers.devices.lag_rig import RigReadings
 from topdress.drivers.devices.rate_module import MODULE_TIMEOUT_S
 from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.files.config import ConfigError, LoadedConfig
-from topdress.drivers.files.kinds import CAB_KIND, MACHINE_KIND
+from topdress.drivers.files.config_kinds import CAB_KIND, MACHINE_KIND
 from topdress.drivers.files.prescriptions.job_targets import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import RunMeta, make_run_meta
-from topdress.drivers.files.setup import (
+from topdress.drivers.files.run_setup import (
     Setup,
     build_setup,
     find_disagreements,

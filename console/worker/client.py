@@ -8,7 +8,7 @@ import socket
 from enum import Enum, auto
 from math import inf
 
-from topdress.console.attached import DEFAULT_NAME, AttachedConsole
+from topdress.console.attached_consoles import DEFAULT_NAME, AttachedConsole
 from topdress.console.worker.limits import (
     MAX_CLIENT_REFUSALS,
     MAX_LINE_BYTES,

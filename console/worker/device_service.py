@@ -12,11 +12,11 @@ from pathlib import Path
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.console.worker.limits import LISTEN_TEST_DURATION_S, MAX_CAPTURE_BYTES
 from topdress.console.worker.requests import DeviceOrder
-from topdress.console.worker.run_parts import MachineDevices
+from topdress.console.worker.run_interfaces import MachineDevices
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.orders import Answer, State
 from topdress.drivers.cab_line import DeviceLine, Direction
-from topdress.drivers.devices import capture, probe
+from topdress.drivers.devices import capture, protocol_probe
 from topdress.drivers.ports import Clock, Port, open_port
 
 # A device must not be disconnected while the machine needs it.
@@ -199,7 +199,7 @@ class _LineTest:
 
     def _recognise_bytes(self, other_rates: bool) -> None:
         """Recognise the protocol of the collected bytes; runs in a thread."""
-        found = probe.recognise_either(self._heard)
+        found = protocol_probe.recognise_either(self._heard)
         if not found.protocol and other_rates:
             found = self._probe_other_rates()
         if not found.protocol and not found.detail:
@@ -212,17 +212,17 @@ class _LineTest:
             False, found.protocol, found.baud, found.accepted, found.rejected, found.detail
         )
 
-    def _probe_other_rates(self) -> probe.ProbeFinding:
+    def _probe_other_rates(self) -> protocol_probe.ProbeFinding:
         """Probe the port at other baud rates, with the device unplugged meanwhile."""
         line = self._line
         # Two programs on one serial port would steal bytes from each other.
         line.port.plug(False)
         try:
-            return probe.probe_port(
+            return protocol_probe.probe_port(
                 lambda baud: self._opener(line.port.name, baud, time.monotonic),
-                [baud for baud in probe.PROBE_BAUD_RATES if baud != line.baud],
+                [baud for baud in protocol_probe.PROBE_BAUD_RATES if baud != line.baud],
             )
         except (OSError, ValueError) as error:
-            return probe.ProbeFinding(detail=str(error))
+            return protocol_probe.ProbeFinding(detail=str(error))
         finally:
             line.port.plug(line.plugged)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from topdress.console.frame import LagTestView
-from topdress.console.worker.run_parts import MachineDevices
+from topdress.console.worker.run_interfaces import MachineDevices
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.loop import ControlLoop
 from topdress.control.orders import Answer, Do, Order, State

@@ -25,7 +25,7 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from topdress.console.attached import DEFAULT_NAME, format_attached_event, make_unique_name
+from topdress.console.attached_consoles import DEFAULT_NAME, format_attached_event, make_unique_name
 from topdress.console.frame import Frame
 from topdress.console.worker import wire_format
 from topdress.console.worker.client import Client, ClientKind

@@ -17,7 +17,12 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from topdress.console.attached import MAX_LATEST_ORDERS, AttachedConsole, ExecutedOrder, read_orders
+from topdress.console.attached_consoles import (
+    MAX_LATEST_ORDERS,
+    AttachedConsole,
+    ExecutedOrder,
+    read_orders,
+)
 from topdress.console.frame import DeviceView, Frame
 from topdress.console.worker.device_service import DeviceService, RunAside, run_in_thread
 from topdress.console.worker.lag_bench import LagBench
@@ -35,9 +40,9 @@ from topdress.console.worker.limits import (
     TOTALS_PERIOD_S,
 )
 from topdress.console.worker.requests import ClientQuestion, DeviceOrder, RequestContent
-from topdress.console.worker.run_parts import FRAME_FIELDS, RunAssembly
+from topdress.console.worker.run_interfaces import FRAME_FIELDS, RunAssembly
 from topdress.console.worker.side_files import SideFiles
-from topdress.control.field.totals import Totals
+from topdress.control.field.job_totals import Totals
 from topdress.control.loop import Tick
 from topdress.control.orders import Alarm, Answer, Do, Order, Severity
 from topdress.drivers.device_status import DeviceStatus

@@ -14,8 +14,8 @@ from topdress.console.worker import run_file
 from topdress.console.worker.link_server import LinkServer
 from topdress.console.worker.loop_host import Host
 from topdress.console.worker.options import Options, parse_options
-from topdress.console.worker.run_parts import RunAssembly
-from topdress.console.worker.system import handle_signals, set_priority
+from topdress.console.worker.real_time import handle_signals, set_priority
+from topdress.console.worker.run_interfaces import RunAssembly
 
 Clock = Callable[[], float]
 Assemble = Callable[[Options, Clock], RunAssembly]

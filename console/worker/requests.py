@@ -21,7 +21,7 @@ import secrets
 from enum import StrEnum
 from typing import NamedTuple, NoReturn
 
-from topdress.console.attached import clean_name
+from topdress.console.attached_consoles import clean_name
 from topdress.console.frame import DeviceDo
 from topdress.console.worker.limits import MAX_TEXT_CHARACTERS
 from topdress.control.orders import Do, Order

@@ -21,9 +21,9 @@ from topdress.console.worker.snapshots import (
     read_mtime_ns,
 )
 from topdress.control.field.coverage import Raster
-from topdress.control.field.totals import NO_SUMS, TotalSums
+from topdress.control.field.job_totals import NO_SUMS, TotalSums
 from topdress.control.orders import Strategy
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.limits import RESUME_LIMIT, check_limit
 
 # A job that has done less, ha, is not worth resuming.

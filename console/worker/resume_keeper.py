@@ -19,7 +19,7 @@ from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.console.worker.resume_ground import WorkedGroundRecord
 from topdress.console.worker.resume_tail import SCALE_WINDOW_S
 from topdress.control.agronomy.reference_strips import parse_strip
-from topdress.control.field.totals import TotalSums
+from topdress.control.field.job_totals import TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import LogRow
 from topdress.control.loop import ControlLoop, Tick
@@ -279,7 +279,7 @@ class _ReleaseBeforeCut:
 
 def _has_opening_moved(before: LogRow, row: LogRow) -> bool:
     """Return whether the opening's commanded value changed, as counted in
-    `control.simulation.figures`."""
+    `control.simulation.strategy_figures`."""
     if before.opening_mm_cmd is None or row.opening_mm_cmd is None:
         return False
     return row.opening_mm_cmd != before.opening_mm_cmd

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from topdress.console.worker.resume import Refill, Snapshot, drop_last_refill
 from topdress.console.worker.resume_ground import WorkedGroundRecord
-from topdress.control.field.totals import Totaliser
+from topdress.control.field.job_totals import Totaliser
 from topdress.control.geodesy import Place, TangentPlane, offset_place
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine

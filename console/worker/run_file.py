@@ -19,10 +19,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from topdress.console.worker.limits import LOCK_TIMEOUT_S
-from topdress.console.worker.system import make_private_folder, write_private_file
+from topdress.console.worker.real_time import make_private_folder, write_private_file
 from topdress.console.worker_handshake import is_still_running
 from topdress.drivers import day_clock
-from topdress.drivers.files.lock import is_same_file, take_lock
+from topdress.drivers.files.process_lock import is_same_file, take_lock
 
 # Period of attempts to take the lock, s.
 LOCK_RETRY_PERIOD_S = 0.02

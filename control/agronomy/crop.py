@@ -7,8 +7,8 @@ import math
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-from topdress.control.agronomy.growth import GrowthWindow
-from topdress.control.agronomy.response import HarvestLine, ResponseRule
+from topdress.control.agronomy.growth_stage import GrowthWindow
+from topdress.control.agronomy.nitrogen_response import HarvestLine, ResponseRule
 from topdress.control.agronomy.yield_potential import YieldPotential, describe_day_rule
 from topdress.control.frozen_model import FrozenModel
 

@@ -5,7 +5,7 @@ Constants and day rule belong together: 0.359 exp(324.4 I) over days above 4.4 d
 curve than the same figures over days above 0 degC (at NDVI 0.5, 82 days give 366 kg urea/ha, 65
 days 210). So a crop file either names a set of the closed registry below, or writes out
 constants, base temperature and source. A set also brings the line from the response index of the
-canopy to that of the harvest (`response`).
+canopy to that of the harvest (`nitrogen_response`).
 
 docs/agronomy.md lists what of Oklahoma State's table is missing here, and why."""
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, model_validator
-from topdress.control.agronomy.response import HarvestLine
+from topdress.control.agronomy.nitrogen_response import HarvestLine
 from topdress.control.frozen_model import FrozenModel
 
 OSU_LIBRARY = (

@@ -6,8 +6,8 @@ need them.
 
 Files:
 
-- `adopt`: What does a calibrated machine file record about its calibration?
 - `bench_table`: Which columns must each kind of bench table have?
+- `calibration_record`: What does a calibrated machine file record about its calibration?
 - `encoder_fit`: How many counts has a turn of the metering shaft's encoder?
 - `first_machine`: Which first machine file of a single driven stage (pump, wheel, fan
 - `flow_fit`: Which flow model does a catch test give?

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from topdress.control.recordings.finding import Finding
-from topdress.control.recordings.speeds import KMH_PER_MPS
-from topdress.control.recordings.values import blank_sentinels
+from topdress.control.recordings.speed_unit import KMH_PER_MPS
+from topdress.control.recordings.valid_values import blank_sentinels
 
 Array = npt.NDArray[np.float64]
 

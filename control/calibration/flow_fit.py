@@ -11,8 +11,8 @@ import numpy as np
 from topdress.control.agronomy.product import CatchTest
 from topdress.control.machine.machine import Machine, describe_unit
 
-from .adopt import make_record, make_title, merge_records
 from .bench_table import Array, BenchTable, select_usable_rows
+from .calibration_record import make_record, make_title, merge_records
 from .least_squares import FittedInterval, LinearFit, fit_linear
 
 # Significance below which an offset or a fall-off enters the machine file.

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 from topdress.control.machine.machine import Adopted, Machine, add_effect
 
-from .adopt import make_record, make_title, merge_records
 from .bench_table import Array
+from .calibration_record import make_record, make_title, merge_records
 from .least_squares import FittedInterval
 
 # Length of a block, s: differences of the canopy between heads last a few metres, so that a block

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from topdress.control.machine.fall import Fall, find_start_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import calc_response_s, find_first_fall_s, refit_start
+from topdress.control.machine.start_lag import calc_response_s, find_first_fall_s, refit_start
 
-from .adopt import make_record, make_title, merge_records
 from .bench_table import Array, BenchTable, select_usable_rows
+from .calibration_record import make_record, make_title, merge_records
 from .least_squares import FittedInterval, fit_linear
 
 # Rounded speeds at the ends of the range must still count as inside, r/min.

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from topdress.control.machine.change_lag import SettledPair, calc_change_lag
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import calc_change_response_s, set_carried_share
+from topdress.control.machine.start_lag import calc_change_response_s, set_carried_share
 
-from .adopt import make_record, make_title, merge_records
 from .bench_table import Array, BenchTable, select_usable_rows
+from .calibration_record import make_record, make_title, merge_records
 from .least_squares import FittedInterval
 
 # Candidate shares of the pace that the stream sets.

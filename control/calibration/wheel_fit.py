@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.machine import Machine
 
-from .adopt import make_record, make_title, merge_records
 from .bench_table import Array
+from .calibration_record import make_record, make_title, merge_records
 from .least_squares import FittedInterval
 
 # Length of a stretch from fix to fix, m; the noise of both ends is part of the scatter.

@@ -8,8 +8,8 @@ page that only shows a `Diagnosis` starts without them.
 
 Files:
 
-- `cost`: Calculates the cost of an uncompensated effect in the field
 - `dataframe_input`: Converts data frames, dictionaries
+- `effect_cost`: Calculates the cost of an uncompensated effect in the field
 - `effects`: Declares how a diagnosis treats each effect of the catalogue
 - `extend`: Extends a machine file by the results of a diagnosis, so that they are simulated
 - `judgement`: Weighs candidate causes with one model, one score, and declared priors

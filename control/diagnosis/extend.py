@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from topdress.control.diagnosis.dataframe_input import load_machine
 from topdress.control.diagnosis.effects import EFFECT_ROWS, find_size_range
 from topdress.control.machine.fault_injection import InjectedEffect
-from topdress.control.machine.form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import (
     CATALOGUE,
@@ -18,6 +17,7 @@ from topdress.control.machine.machine import (
     add_effect,
     find_size_bounds,
 )
+from topdress.control.machine.term_form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound

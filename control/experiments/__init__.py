@@ -3,12 +3,12 @@ predicts.
 
 `manoeuvres` are short runs of the machine at work, `list_bench_tests` returns tests in the yard.
 Both are an `Experiment`, and `experiment.choose_experiments` selects those that separate rivals
-soonest. `levels` are their settings.
+soonest. `setting_levels` are their settings.
 
 Files:
 
 - `bench_tests`: Which cheap tests can a farm make in its yard
 - `experiment`: Which experiments separate rival hypotheses soonest?
-- `levels`: At which settings are experiments made?
 - `manoeuvres`: Which short runs cost little, and which log would each leave of a given machine
+- `setting_levels`: At which settings are experiments made?
 """

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 from topdress.control.experiments.experiment import Experiment, join_list
-from topdress.control.experiments.levels import (
+from topdress.control.experiments.setting_levels import (
     USUAL_SPEED_MPS,
     list_opening_levels,
     list_shaft_levels,
@@ -18,7 +18,7 @@ from topdress.control.machine.heads import HeadInput, read_head
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
-from topdress.control.machine.start import calc_response_s
+from topdress.control.machine.start_lag import calc_response_s
 
 Array = npt.NDArray[np.float64]
 

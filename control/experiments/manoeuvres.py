@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from topdress.control.experiments.experiment import Experiment
-from topdress.control.experiments.levels import (
+from topdress.control.experiments.setting_levels import (
     USUAL_SPEED_MPS,
     list_opening_levels,
     list_shaft_levels,

@@ -3,7 +3,6 @@ plane.
 
 Files:
 
-- `across`: Estimates the error of a single rate across the width
 - `boundary`: Defines the field's edge
 - `cell_tests`: Defines the tests of a cell of the bitmap
 - `compiled_cells`: Compiled loops over the bitmap's cells, for long simulated runs
@@ -12,6 +11,7 @@ Files:
 - `ground_trace`: Traces the outlets over the ground, also without a known position
 - `job`: Defines the job file: the work, its field and strategy
 - `job_names`: Names of a job for screens and sheets
+- `job_totals`: Sums a job: area, product, nitrogen
 - `planned_speed`: Finds the speed that the job plans for the machine's present pass
-- `totals`: Sums a job: area, product, nitrogen
+- `width_error`: Estimates the error of a single rate across the width
 """

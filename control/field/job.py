@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.growth import GrowthStage
-from topdress.control.agronomy.noa import CropRule, prepare_rule
-from topdress.control.agronomy.response import ResponseRule
+from topdress.control.agronomy.growth_stage import GrowthStage
+from topdress.control.agronomy.nitrogen_rate import CropRule, prepare_rule
+from topdress.control.agronomy.nitrogen_response import ResponseRule
 from topdress.control.field.boundary import Boundary
 from topdress.control.frozen_model import FrozenModel
 from topdress.control.orders import MAP_SOURCES, Strategy, TargetSource

@@ -4,12 +4,12 @@ and converted to decisions.
 
 from __future__ import annotations
 
-from topdress.control.agronomy import fusion
+from topdress.control.agronomy import head_fusion
 from topdress.control.geodesy import Place, offset_place
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
 from topdress.control.sensing import SensedMotion
-from topdress.control.targets.canopy import CanopyDecisions
+from topdress.control.targets.canopy_target import CanopyDecisions
 from topdress.control.targets.index_map import IndexMap
 
 # A head's reading may be one period old, s.
@@ -40,8 +40,8 @@ class CanopyHeads:
         """
         self._index = index
         self.decisions = decisions
-        self.fused: fusion.FusedNdvi | None = None
-        self._state = fusion.start_fusion(heads)
+        self.fused: head_fusion.FusedNdvi | None = None
+        self._state = head_fusion.start_fusion(heads)
         self._times: tuple[float | None, ...] = ()
         self._fused_s = float("-inf")
         self._under, self._heads_m, self._zones = under, heads_m, zones
@@ -56,7 +56,7 @@ class CanopyHeads:
         fresh = times != self._times
         if fresh or now - self._fused_s > HEAD_LATENCY_S:
             self._times, self._fused_s = times, now
-            self._state, self.fused = fusion.fuse_readings(self._state, m.ndvi, now)
+            self._state, self.fused = head_fusion.fuse_readings(self._state, m.ndvi, now)
             if sensed.backwards:
                 self.decisions.pause_sampling()
             else:

@@ -10,7 +10,7 @@ from topdress.control.log_row import VALID_FOR_S
 from topdress.control.machine.effort import EffortInput, calc_shaft_parts, calc_supply_factor
 from topdress.control.machine.flow import calc_flute_load
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.inverse_model import Conditions
 from topdress.control.readings import (
     NO_EFFORT_FINDING,
     EffortFinding,

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from topdress.control.loop.tick_state import MeasuredState
 from topdress.control.machine.change_lag import ChangeLags, LagParts, SettledPair
-from topdress.control.metering.setting import PairPlanner
-from topdress.control.targets.profile import Target, TargetChange
+from topdress.control.metering.pair_planner import PairPlanner
+from topdress.control.targets.target_profile import Target, TargetChange
 
 # Maximum look-ahead time for changes, s.
 MAX_LOOK_AHEAD_S = 4.0

@@ -8,43 +8,47 @@ from datetime import date
 from math import inf, isfinite
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.growth import assess_growth
-from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.growth_stage import assess_growth
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.field.coverage import Raster
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
+from topdress.control.field.job_totals import Totaliser, Totals, TotalSums
 from topdress.control.field.planned_speed import find_planned_mps
-from topdress.control.field.totals import Totaliser, Totals, TotalSums
 from topdress.control.geodesy import TangentPlane
-from topdress.control.loop.ahead import APPLIED_VALID_S, WayAhead
 from topdress.control.loop.canopy_heads import HEAD_LATENCY_S
-from topdress.control.loop.doses import DosePlanner, NoDosePlanner
+from topdress.control.loop.dose_planner import DosePlanner, NoDosePlanner
 from topdress.control.loop.effort_watch import EffortWatch
 from topdress.control.loop.events import EventQueue
-from topdress.control.loop.expected import ExpectedDrives
+from topdress.control.loop.expected_drives import ExpectedDrives
 from topdress.control.loop.known_terms import KnownTerms
 from topdress.control.loop.look_ahead_distance import TickLookAhead
 from topdress.control.loop.map_location_check import MapLocationCheck
 from topdress.control.loop.order_handlers import LoopOrderHandler
 from topdress.control.loop.reversing import ReversingWatch
-from topdress.control.loop.row import make_log_row, read_head_ndvi
-from topdress.control.loop.sections import SectionLeads
+from topdress.control.loop.section_control import SectionLeads
 from topdress.control.loop.situation import make_situation
 from topdress.control.loop.tick import Tick
+from topdress.control.loop.tick_row import make_log_row, read_head_ndvi
 from topdress.control.loop.tick_state import MeasuredState, MeteredMaterial, TickDecision
 from topdress.control.loop.unintended_flow import (
     UnintendedFlow,
     calc_open_share,
     make_standing_limits,
 )
+from topdress.control.loop.way_ahead import APPLIED_VALID_S, WayAhead
 from topdress.control.machine.change_lag import ChangeLags, LagParts
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.product_calibration import find_newest_test_date
 from topdress.control.machine.steps import CompiledSteps
 from topdress.control.metering.flow_trim import FlowTrim
-from topdress.control.metering.inverse import Conditions, calc_conditions_factor, calc_flow_kg_s
+from topdress.control.metering.inverse_model import (
+    Conditions,
+    calc_conditions_factor,
+    calc_flow_kg_s,
+)
+from topdress.control.metering.pair_planner import PairPlanner
 from topdress.control.metering.rate_range import find_breach
-from topdress.control.metering.setting import PairPlanner
 from topdress.control.metering.strategies import DrivePair
 from topdress.control.metering.trims import NO_ERROR, DriveTrim, TrimLimits
 from topdress.control.orders import CANOPY_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
@@ -76,8 +80,8 @@ from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.lag_correction import ChangeQueue
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.plant_doser import PlantDoser
-from topdress.control.targets.point import DoseThreshold
-from topdress.control.targets.profile import Target, TargetChange
+from topdress.control.targets.point_mode import DoseThreshold
+from topdress.control.targets.target_profile import Target, TargetChange
 
 # Maximum length of a tick, s; a longer tick counts as this.
 MAX_TICK_S = 1.0

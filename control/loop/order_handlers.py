@@ -14,7 +14,7 @@ from topdress.control.agronomy.reference_strips import StripMean, parse_strip
 from topdress.control.field.job import Job
 from topdress.control.loop.tick_state import OperatorChoices
 from topdress.control.metering.flow_trim import FlowTrim
-from topdress.control.metering.setting import PairPlanner
+from topdress.control.metering.pair_planner import PairPlanner
 from topdress.control.orders import MAP_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
 from topdress.control.safety import BenchSetting, Safety, apply_bench_order, make_refusal
 from topdress.control.targets.plant_doser import OTHER_PLANT_DISTANCE_M, PlantDoser

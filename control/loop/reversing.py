@@ -10,7 +10,7 @@ from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import Reading
 from topdress.control.sensing import SensedMotion, predict_way_ahead_m
-from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
+from topdress.control.targets.canopy_target import STRAIGHT_BELOW_DEG_S
 
 
 class ReversingWatch:

@@ -12,7 +12,7 @@ from topdress.control.loop.tick_state import (
 from topdress.control.orders import CANOPY_SOURCES, TargetSource
 from topdress.control.readings import EffortFinding, RangeBreach, ScaleFinding
 from topdress.control.safety import PreviousCommands, SafetySituation
-from topdress.control.targets.outside_target import ExternalTarget
+from topdress.control.targets.external_target import ExternalTarget
 
 
 def make_situation(

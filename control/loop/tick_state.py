@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.machine.change_lag import LagParts
-from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.inverse_model import Conditions
 from topdress.control.metering.strategies import DrivePair
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
 from topdress.control.sensing import SensedMotion, SpeedForecast
 from topdress.control.targets.lag_correction import FiredChange
-from topdress.control.targets.profile import Target
+from topdress.control.targets.target_profile import Target
 
 
 class OperatorChoices(NamedTuple):

@@ -19,10 +19,22 @@ import platformdirs
 from numba.extending import overload, register_jitable
 from numba.np.unsafe import ndarray
 
-from . import effort, elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
-from .form import TermParams
+from . import (
+    effort,
+    fall,
+    flow,
+    gate,
+    heads,
+    model_elements,
+    scale,
+    shaft,
+    speed,
+    term_forms,
+    term_step,
+)
 from .jit_cache import CompiledCodeCache, rename_uniquely
 from .stage_runner import StageRun, allocate_output, make_fill, make_map_run
+from .term_form import TermParams
 
 # In compiled code, the function maps (array, count) to a tuple.
 to_fixed_tuple: Any = ndarray.to_fixed_tuple
@@ -43,11 +55,11 @@ def mark_compilable(piece: F) -> F:
 
 
 for _piece in (
-    elements.put_in_line,
-    elements.average_line,
-    elements.read_held_line,
-    elements.interpolate_table,
-    elements.round_to_step,
+    model_elements.put_in_line,
+    model_elements.average_line,
+    model_elements.read_held_line,
+    model_elements.interpolate_table,
+    model_elements.round_to_step,
     flow.is_bridged,
     flow.calc_grams_per_rev,
     flow.calc_common_factor,
@@ -78,12 +90,12 @@ for _piece in (
     fall.step_fall,
     scale.read_scale,
     heads.read_head,
-    forms.clip_value,
+    term_forms.clip_value,
     term_step.update_memory,
     term_step.step_term,
 ):
     mark_compilable(_piece)
-for _value in forms.FORM_VALUES:
+for _value in term_forms.FORM_VALUES:
     mark_compilable(_value)
 
 
@@ -102,9 +114,9 @@ def _choose_form(
 def _overload_value(p, x, y, slow):  # type: ignore[no-untyped-def]
     """Returns the value of a form by a chain of comparisons, because compiled code has no list
     of functions."""
-    chosen = forms.FORM_VALUES[-1]
-    for number in reversed(range(len(forms.FORM_VALUES) - 1)):
-        chosen = _choose_form(number, forms.FORM_VALUES[number], chosen)
+    chosen = term_forms.FORM_VALUES[-1]
+    for number in reversed(range(len(term_forms.FORM_VALUES) - 1)):
+        chosen = _choose_form(number, term_forms.FORM_VALUES[number], chosen)
     return lambda p, x, y, slow: chosen(p, x, y, slow)
 
 
@@ -164,7 +176,7 @@ run_term = _compile_run(term_step.make_term_run(term_step.step_term))
 
 
 @compile_function
-def run_memory(keep: float, fresh: elements.Array) -> elements.Array:
+def run_memory(keep: float, fresh: model_elements.Array) -> model_elements.Array:
     """Returns y[k] = keep y[k - 1] + fresh[k], with y before the first 0: (rows,)."""
     out = np.empty(len(fresh))
     y = 0.0
@@ -175,24 +187,26 @@ def run_memory(keep: float, fresh: elements.Array) -> elements.Array:
 
 
 @compile_function
-def run_table(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
+def run_table(
+    nodes: model_elements.Table, values: model_elements.Table, at: model_elements.Array
+) -> model_elements.Array:
     """Evaluates a table over a log: (rows,)."""
     out = np.empty(len(at))
     for row in range(len(at)):
-        out[row] = elements.interpolate_table(nodes, values, at[row])
+        out[row] = model_elements.interpolate_table(nodes, values, at[row])
     return out
 
 
 @compile_function
 def run_flutes(
     p: flow.Flow,
-    shaft_rpm: elements.Array,
-    opening_mm: elements.Array,
-    pitch_deg: elements.Array,
-    share_full: elements.Array,
-    time_s: elements.Array,
+    shaft_rpm: model_elements.Array,
+    opening_mm: model_elements.Array,
+    pitch_deg: model_elements.Array,
+    share_full: model_elements.Array,
+    time_s: model_elements.Array,
     refilled: bool,
-) -> elements.Array:
+) -> model_elements.Array:
     """Evaluates `flow.calc_flute_load` over a log, without its terms: (rows, 2)."""
     out = np.empty((len(time_s), 2))
     for row in range(len(time_s)):

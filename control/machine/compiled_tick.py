@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .compiled import compile_function, mark_compilable, to_fixed_tuple
-from .elements import LINE_SIZE, Array, DelayLine
 from .flow import Flow, FlowInput, FlowState, step_flow
 from .gate import Gate, GateInput, GateOutput, GateState, step_gate
+from .model_elements import LINE_SIZE, Array, DelayLine
 from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, step_shaft
 from .term_sums import NO_TERMS, TermTotals
 

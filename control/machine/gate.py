@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import OPENING_RANGE, SLEW_RATE, Effect
-from .elements import DelayLine, make_line, put_in_line, read_held_line
+from .model_elements import DelayLine, make_line, put_in_line, read_held_line
 
 
 class Gate(NamedTuple):

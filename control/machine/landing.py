@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .elements import Array
 from .fall import MIN_DROP_S
+from .model_elements import Array
 
 # Number of bisection steps of the longest drop time: from 2 s to a nanosecond.
 BISECTION_STEPS = 30

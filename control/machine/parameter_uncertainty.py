@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .machine import Machine, add_effect
-from .start import set_carried_share
+from .start_lag import set_carried_share
 
 # Amplitude of the sum of six outlets, %; a single straight-fluted roller has a larger amplitude.
 PULSATION_PERCENT = 5.0

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import SHAFT_RANGE, Effect
-from .elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
+from .model_elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
 
 # Minimum time constant of a machine file, s.
 MIN_TIME_CONSTANT_S = 1e-4

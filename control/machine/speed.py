@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import DelayLine, average_line, make_line, put_in_line
+from .model_elements import DelayLine, average_line, make_line, put_in_line
 
 # Relative increase of slip for each degree of upward pitch.
 UPHILL_SHARE_PER_DEG = 0.15

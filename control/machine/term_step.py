@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .form import TermParams
-from .forms import FORM_VALUES, clip_value
+from .term_form import TermParams
+from .term_forms import FORM_VALUES, clip_value
 
 
 class TermState(NamedTuple):

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .elements import Array, DelayLine, average_line, convert_to_lists, make_line, put_in_line
-from .form import FORMS, SHAFT_ANGLE, TermParams, TermRun
 from .machine import Machine
+from .model_elements import Array, DelayLine, average_line, convert_to_lists, make_line, put_in_line
 from .shaft import calc_dead_time_s
+from .term_form import FORMS, SHAFT_ANGLE, TermParams, TermRun
 from .term_step import TermState, step_term
 from .terms import (
     COMMANDED_MM,

@@ -18,9 +18,9 @@ from pydantic_core import PydanticCustomError
 from topdress.control.frozen_model import FrozenModel
 from topdress.control.signals import SIGNALS
 
-from .elements import Table
-from .form import FORMS, SHAFT_ANGLE, TermParams
-from .forms import MAX_TABLE_NODES, Form, make_params
+from .model_elements import Table
+from .term_form import FORMS, SHAFT_ANGLE, TermParams
+from .term_forms import MAX_TABLE_NODES, Form, make_params
 
 
 class TermTarget(StrEnum):

@@ -4,9 +4,9 @@ trims.
 Files:
 
 - `flow_trim`: Does the hopper scale confirm the flow that shaft and opening give?
-- `inverse`: Which set-points give this flow?
+- `inverse_model`: Which set-points give this flow?
+- `pair_planner`: Which shaft speed and opening are commanded for a wanted rate in this tick?
 - `rate_range`: Which rates can a machine spread at a speed
-- `setting`: Which shaft speed and opening are commanded for a wanted rate in this tick?
 - `strategies`: Which pair of true shaft speed and opening gives a wanted flow?
 - `trims`: How are shaft and gate corrected towards their measured values?
 """

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import RangeBreach
 
-from .inverse import Conditions, calc_flow_kg_s, calc_lowest_flow_kg_s
+from .inverse_model import Conditions, calc_flow_kg_s, calc_lowest_flow_kg_s
 from .strategies import ROUND_UP_SHARE, DrivePair
 
 # The factor converts kg/m2 to kg/ha.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Strategy
 
-from .inverse import (
+from .inverse_model import (
     Conditions,
     calc_flow_kg_s,
     calc_lowest_flow_kg_s,

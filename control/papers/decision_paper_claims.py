@@ -8,13 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import (
+from topdress.control.agronomy.nitrogen_rate import (
     calc_requirement_kg_ha,
     calc_yield_without_t_ha,
     make_rate_table,
     prepare_rule,
 )
-from topdress.control.agronomy.sampling import FREQUENCIES_HZ, ReadingUniformity, choose_frequency
+from topdress.control.agronomy.sampling_frequency import (
+    FREQUENCIES_HZ,
+    ReadingUniformity,
+    choose_frequency,
+)
 
 from .page import ROUNDING_TEXT, Claim, ResultOrigin, Table, compare_numbers
 from .published import (

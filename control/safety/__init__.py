@@ -11,10 +11,10 @@ Files:
 - `memory`: What does safety remember between ticks?
 - `motion`: Has the machine started, since when does it stand, and does it reverse?
 - `order_handlers`: What does each of the operator's orders to safety need, and why is it refused?
+- `safety_interface`: Which values does safety exchange with the loop?
 - `sensor_validity`: Which sensors can be trusted in this tick?
 - `standstill_monitor`: Do shaft, gate and valves stand while they are commanded to?
 - `watchdog`: In which state is the machine, and may material flow?
-- `words`: Which values does safety exchange with the loop?
 - `work_watch`: Do shaft and gate follow at work, is the rate on its target
 """
 
@@ -36,8 +36,7 @@ from topdress.control.safety.order_handlers import (
     BenchSetting,
     apply_bench_order,
 )
-from topdress.control.safety.watchdog import Safety
-from topdress.control.safety.words import (
+from topdress.control.safety.safety_interface import (
     POWERED_STATES,
     REFUSALS,
     STATE_REASONS,
@@ -47,6 +46,7 @@ from topdress.control.safety.words import (
     make_refusal,
     read_refusal,
 )
+from topdress.control.safety.watchdog import Safety
 
 __all__ = [
     "ALARMS",

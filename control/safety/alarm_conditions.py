@@ -11,8 +11,8 @@ from topdress.control.orders import CANOPY_SOURCES, PLACE_SOURCES, State
 from topdress.control.readings import RefusedSpeed
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import SafetyMemory
+from topdress.control.safety.safety_interface import Details, SafetySituation
 from topdress.control.safety.sensor_validity import ValidReadings, has_lasted
-from topdress.control.safety.words import Details, SafetySituation
 
 # Share of its limit down to which a reported trim remains reported.
 TRIM_HYSTERESIS = 0.7

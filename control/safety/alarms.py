@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from topdress.control.orders import Alarm, Severity, State
-from topdress.control.safety.words import Details
+from topdress.control.safety.safety_interface import Details
 from topdress.control.signals import N_
 
 

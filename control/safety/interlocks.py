@@ -12,8 +12,8 @@ from topdress.control.safety.alarm_conditions import is_target_acceptable
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Allowances
 from topdress.control.safety.motion import MotionState, is_awaiting_course
+from topdress.control.safety.safety_interface import SafetySituation
 from topdress.control.safety.sensor_validity import ValidReadings
-from topdress.control.safety.words import SafetySituation
 from topdress.control.signals import N_
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(

@@ -7,8 +7,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.safety_interface import SafetySituation
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s
-from topdress.control.safety.words import SafetySituation
 
 
 class MotionState(NamedTuple):

@@ -10,7 +10,7 @@ from topdress.control.orders import Answer, Do, Order, State
 from topdress.control.safety.alarms import acknowledge_alarms, find_unacknowledged_red
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Allowances, SafetyMemory
-from topdress.control.safety.words import make_refusal
+from topdress.control.safety.safety_interface import make_refusal
 
 ACCEPTED = Answer(True)
 Outcome = tuple[SafetyMemory, Answer]

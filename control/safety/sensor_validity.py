@@ -15,7 +15,7 @@ from topdress.control.readings import (
     is_reading_fresh,
 )
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.words import SafetySituation
+from topdress.control.safety.safety_interface import SafetySituation
 
 
 class ValidReadings(NamedTuple):

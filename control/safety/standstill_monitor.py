@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from topdress.control.readings import is_reading_fresh
 from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.safety_interface import SafetySituation
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
-from topdress.control.safety.words import SafetySituation
 
 # A shaft decelerates while it is below this share of its highest speed since the last deceleration.
 SLOWING_SHARE = 0.9

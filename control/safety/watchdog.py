@@ -18,6 +18,7 @@ from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import SafetyMemory
 from topdress.control.safety.motion import MotionState, update_motion
 from topdress.control.safety.order_handlers import handle_order
+from topdress.control.safety.safety_interface import Details, SafetySituation, SafetyVerdict
 from topdress.control.safety.sensor_validity import (
     ValidReadings,
     find_since_s,
@@ -25,7 +26,6 @@ from topdress.control.safety.sensor_validity import (
     judge_readings,
 )
 from topdress.control.safety.standstill_monitor import update_standstill
-from topdress.control.safety.words import Details, SafetySituation, SafetyVerdict
 from topdress.control.safety.work_watch import watch_drives, watch_hopper, watch_rate
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.safety_interface import SafetySituation
 from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
-from topdress.control.safety.words import SafetySituation
 
 
 class FollowWatch(NamedTuple):

@@ -2,18 +2,18 @@
 
 Files:
 
-- `gnss_late`: How late does a receiver's speed arrive?
+- `gnss_delay`: How late does a receiver's speed arrive?
+- `place_drift`: Does GNSS's place follow its own speed and course?
 - `position_gate`: Which GNSS places can be trusted?
 - `sensing`: Which speed and which place does control use?
-- `speed_ahead`: How fast will the machine go over the next seconds?
 - `speed_check`: Which of three witnesses of ground speed is wrong
-- `walk_watch`: Does GNSS's place follow its own speed and course?
+- `speed_forecast`: How fast will the machine go over the next seconds?
 """
 
 from __future__ import annotations
 
 from topdress.control.sensing.sensing import SensedMotion, Sensing, SensingLimits
-from topdress.control.sensing.speed_ahead import (
+from topdress.control.sensing.speed_forecast import (
     SpeedForecast,
     SpeedForecaster,
     predict_speed_ahead_mps,

@@ -8,7 +8,7 @@ with Applications to Tracking and Navigation, 2001, section 5.4). Refused epochs
 each other, by the same gate, are accepted as a new place: the receiver was restarted, the machine
 was transported, or reckoning was wrong.
 
-`walk_watch` finds a place that drifts off although each epoch is near the one before. From then
+`place_drift` finds a place that drifts off although each epoch is near the one before. From then
 on no place is accepted until three agree again with the place before the drift and the way
 since. Or until places have agreed with speed and course for a minute, or for as long as those
 before the drift had (some seconds after a cold start): then they are a new place."""
@@ -19,7 +19,7 @@ from math import hypot, isfinite
 from typing import NamedTuple
 
 from topdress.control.geodesy import Place
-from topdress.control.sensing.walk_watch import (
+from topdress.control.sensing.place_drift import (
     WINDOWS_S,
     PlaceDrift,
     PlaceDriftWatch,

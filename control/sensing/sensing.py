@@ -20,16 +20,16 @@ from topdress.control.readings import (
     SpeedDoubt,
     is_reading_fresh,
 )
-from topdress.control.sensing.gnss_late import GnssDelay
+from topdress.control.sensing.gnss_delay import GnssDelay
+from topdress.control.sensing.place_drift import Velocity
 from topdress.control.sensing.position_gate import (
     MAX_SPEED_MPS,
     JudgedPlace,
     PositionGate,
     find_place_sd_m,
 )
-from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
 from topdress.control.sensing.speed_check import SLIP_RANGE, SpeedCheck
-from topdress.control.sensing.walk_watch import Velocity
+from topdress.control.sensing.speed_forecast import QUICK_TAU_S, SpeedFilter
 from topdress.control.signals import VALID_FOR
 
 # Time constant of the first-order filter `ratio`, by which GNSS corrects the wheel, s. Slip comes

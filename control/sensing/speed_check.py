@@ -10,7 +10,7 @@ windows that are later than the wheel's by up to as much, and the two differ onl
 these fits. `PULSE_NOISE_M` allows for noise and pulses, `LEVER_ARM_M` times the turn for the lever
 arm between antenna and wheel. A factor of 2 or 0.5 is detected within 2 s.
 
-*GNSS's speed and its places* differ by the statistic of `walk_watch`: chi-square, two degrees of
+*GNSS's speed and its places* differ by the statistic of `place_drift`: chi-square, two degrees of
 freedom, over 1 to 60 s. With RTK 20 % are detected after some 25 s; plain GNSS shows a factor of
 two but not 20 %.
 
@@ -32,7 +32,7 @@ from math import atan2, cos, hypot, isfinite, pi, radians, sin
 
 from topdress.control.geodesy import Place
 from topdress.control.readings import RefusedSpeed, SpeedDoubt
-from topdress.control.sensing.walk_watch import (
+from topdress.control.sensing.place_drift import (
     MAX_EPOCH_GAP_S,
     SPEED_DELAY_S,
     SPEED_SD_SHARE,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
@@ -21,8 +21,8 @@ from topdress.control.targets.boundary_profile import BoundaryAhead
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.plant_doser import DoseError, PlantDoser
-from topdress.control.targets.plants import PlantList
-from topdress.control.targets.point import PointLag
+from topdress.control.targets.plant_places import PlantList
+from topdress.control.targets.point_mode import PointLag
 
 from .plant import Plant, PlantTruth
 from .tractor import make_field_boundary

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from topdress.control.loop import ControlLoop, Tick
-from topdress.control.machine.elements import Array
+from topdress.control.machine.model_elements import Array
 from topdress.control.orders import Do, Order, State
 from topdress.control.readings import (
     SENSED_COLUMNS,
@@ -18,9 +18,9 @@ from topdress.control.readings import (
 )
 from topdress.control.targets.lag_correction import FiredChange
 
-from .canopy import HeadRow
 from .dose_watch import DoseWatch
 from .plant import Plant, PlantTruth, SensorReadings
+from .simulated_canopy import HeadRow
 
 
 class MeasurementHold:

@@ -6,7 +6,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.machine.elements import Array
+from topdress.control.machine.model_elements import Array
 
 from .plant import PlantTruth
 

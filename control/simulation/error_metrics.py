@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.agronomy.noa import CropRule
-from topdress.control.machine.elements import Array
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.machine.landing import LandedMass, bin_landings
 from topdress.control.machine.landing import calc_fall_times_s as tube_falls_s
+from topdress.control.machine.model_elements import Array
 from topdress.control.targets.lag_correction import FiredChange
 
 # Rates are judged on stretches of this length, m.

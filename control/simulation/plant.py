@@ -12,26 +12,28 @@ from typing import Any, NamedTuple
 from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
-from topdress.control.machine.elements import Array, convert_to_lists, round_to_step
 from topdress.control.machine.fall import FallInput, calc_drop_s, make_fall_start, step_fall
 from topdress.control.machine.fault_injection import InjectedEffect, schedule_effects
 from topdress.control.machine.flow import FlowInput, calc_flute_load, make_flow_start, step_flow
-from topdress.control.machine.form import SHAFT_ANGLE
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start, step_gate
 from topdress.control.machine.heads import HeadInput, read_head
 from topdress.control.machine.machine import Machine
+from topdress.control.machine.model_elements import Array, convert_to_lists, round_to_step
 from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, step_shaft
 from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
 from topdress.control.machine.steps import CompiledSteps
+from topdress.control.machine.term_form import SHAFT_ANGLE
 from topdress.control.machine.term_sums import NO_TERMS, HeldCommands, TermSums, TermTotals
 from topdress.control.machine.terms import Term
 from topdress.control.readings import AnnouncedSpeeds, CameraPlant, DoseOrder, DriveCommand, GnssFix
 
-from .canopy import HeadRow, make_canopy_field
-from .noise import CorrelatedNoise, NormalNumbers
-from .on_hopper import HopperDisturbance
+from .hopper_disturbance import HopperDisturbance
 from .plant_rows import find_plants_along_way, make_simulated_plants
+from .sensor_noise import CorrelatedNoise, NormalNumbers
+from .simulated_camera import SimulatedCamera
+from .simulated_canopy import HeadRow, make_canopy_field
+from .simulated_valves import SimulatedValves
 from .skip_resting_steps import (
     advance_idle_hopper,
     advance_resting,
@@ -39,8 +41,6 @@ from .skip_resting_steps import (
     is_hopper_unchanged,
 )
 from .tractor import TractorDriver, TractorPath, TractorPose, make_field_boundary, make_field_path
-from .valves import SimulatedValves
-from .vision import SimulatedCamera
 
 # Time after a refill to close the lid, s.
 REFILL_LID_S = 6.0

@@ -6,7 +6,7 @@ from math import cos, radians, sin
 
 import numpy as np
 from topdress.control.field.job import Job
-from topdress.control.machine.elements import Array
+from topdress.control.machine.model_elements import Array
 
 from .tractor import TractorPath, order_passes
 

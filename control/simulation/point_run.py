@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.machine.elements import Array
-from topdress.control.targets.plants import PlantRow, TrackedPlant
-from topdress.control.targets.point import DoseThreshold, PointLag, PointMode
+from topdress.control.machine.model_elements import Array
+from topdress.control.targets.plant_places import PlantRow, TrackedPlant
+from topdress.control.targets.point_mode import DoseThreshold, PointLag, PointMode
 
 # Begin and end of the camera's picture beyond its own place, m.
 PICTURE_FROM_M, PICTURE_TO_M = 0.2, 1.2

@@ -7,7 +7,7 @@ from typing import Protocol
 from topdress.control.field.boundary import Boundary
 from topdress.control.orders import TargetSource
 
-from .profile import Target, TargetChange, TargetProfile
+from .target_profile import Target, TargetChange, TargetProfile
 
 OUTSIDE_TARGET = Target(0.0, TargetSource.NONE)
 # The edge is looked for this far ahead, m.

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 
 from topdress.control.machine.change_lag import LagParts
 
-from .profile import Target, TargetChange, TargetProfile
+from .target_profile import Target, TargetChange, TargetProfile
 
 
 class LookAheadDistance(Protocol):

@@ -8,7 +8,7 @@ from bisect import bisect_right
 from topdress.control.geodesy import Place, TangentPlane, find_unit_vector, offset_place
 
 from .prescription import Prescription, TargetAhead
-from .profile import Target, TargetChange
+from .target_profile import Target, TargetChange
 
 # Targets are looked for this far ahead, m.
 LOOK_AHEAD_M = 40.0

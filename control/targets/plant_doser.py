@@ -12,8 +12,8 @@ import numpy as np
 from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.readings import CameraPlant, DoseOrder
 
-from .plants import PlantList, PlantRow, TrackedPlant
-from .point import PlannedDose, PointLag, PointMode, calc_max_speed_mps
+from .plant_places import PlantList, PlantRow, TrackedPlant
+from .point_mode import PlannedDose, PointLag, PointMode, calc_max_speed_mps
 
 # Plants are looked for this far beyond the lag distance, m.
 LOOK_BEYOND_LAG_M = 2.0

@@ -14,8 +14,8 @@ from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import Place, TangentPlane, find_unit_vector
 from topdress.control.orders import TargetSource
 
-from .profile import Target
 from .rate_map import Floats, GridMap, RateMap, ZoneMap, make_frame_deg, make_polygons
+from .target_profile import Target
 
 # A shorter stretch is a cut corner, passed before a drive has answered, m.
 MIN_STRETCH_M = 0.25

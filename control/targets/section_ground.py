@@ -11,7 +11,7 @@ from topdress.control.field.coverage import Coverage
 from topdress.control.geodesy import Place, find_unit_vector
 from topdress.control.machine.sections import SectionStrip
 from topdress.control.targets.boundary_profile import BoundaryAhead
-from topdress.control.targets.profile import Target
+from topdress.control.targets.target_profile import Target
 
 # Spacing of the points at which a section's strip is judged, m.
 POINT_SPACING_M = 0.05

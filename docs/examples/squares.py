@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from topdress.drivers.files.formats.file_format import FileFormat, defer
 
 if TYPE_CHECKING:
-    from topdress.drivers.files.layers import Layer
+    from topdress.drivers.files.shape_layers import Layer
 
 
 def read_squares(path: Path) -> list[Layer]:
     """Returns the squares as a layer. Raises OSError."""
     import numpy as np
     import shapely
-    from topdress.drivers.files.layers import Layer
+    from topdress.drivers.files.shape_layers import Layer
 
     lines = path.read_text(encoding="utf-8").splitlines()[1:]
     squares = [tuple(map(float, line.split())) for line in lines]

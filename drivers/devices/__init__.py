@@ -17,7 +17,7 @@ Files:
 - `lines`: How are bytes that arrive in any pieces cut into lines, and how are faults counted?
 - `nmea`: How is one NMEA 0183 sentence read?
 - `point_dose`: How is the dose for one plant ordered (point-fertilisation paper)?
-- `probe`: Which device speaks on a line?
+- `protocol_probe`: Which device speaks on a line?
 - `rate_line`: Which target does another display send, and which rate does another controller apply?
 - `rate_module`: How does the host drive the metering shaft through a rate module on UDP?
 - `rate_module_frames`: How are datagrams of the open rate modules encoded and decoded?

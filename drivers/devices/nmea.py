@@ -78,8 +78,8 @@ def parse_sentence(sentence: bytes) -> Sentence:
     Raises
     ------
     RejectedSentence : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
-    IgnoredSentence : the sentence type (with its talker where that is unknown), or `no_fix` where the
-    receiver reports no position or no speed.
+    IgnoredSentence : the sentence type (with its talker where that is unknown), or `no_fix` where
+    the receiver reports no position or no speed.
     """
     text = _verify_checksum(sentence)
     address, _, rest = text.partition(",")

@@ -32,9 +32,9 @@ def find_import_file(log: Path) -> Path | None:
 
 
 if TYPE_CHECKING:
-    from topdress.drivers.files.imports.join import JoinedFiles
+    from topdress.drivers.files.imports.log_join import JoinedFiles
     from topdress.drivers.files.imports.mapping import ImportFile
-    from topdress.drivers.files.imports.raw import RawTable
+    from topdress.drivers.files.imports.raw_table import RawTable
 
 # Suffixes of texts; files of other kinds under these names are refused.
 TEXT_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
@@ -95,7 +95,7 @@ def convert_log_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Colum
 
 def _convert_and_join(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
     from topdress.drivers.files.imports.convert import convert_table
-    from topdress.drivers.files.imports.join import join_files
+    from topdress.drivers.files.imports.log_join import join_files
 
     return join_files([convert_table(raw, mapping)], mapping.join)
 

@@ -2,7 +2,7 @@
 
     huanghai.yaml: key flow.gain_percent: value 700: allowed -50 to 100 (line 12)
 
-The module knows no particular model: `drivers.files.kinds` lists topdress's own.
+The module knows no particular model: `drivers.files.config_kinds` lists topdress's own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.config_error import ConfigError as ConfigError
 from topdress.drivers.files.config_words import explain_errors, suggest_nearest
 from topdress.drivers.files.limits import CONFIG_LIMIT

@@ -11,7 +11,7 @@ from typing import Literal
 from topdress.control.calibration.bench_table import KNOWN_COLUMNS, recognise_kind
 from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, has_worked_points, sniff_file_kind
-from topdress.drivers.files.foreign import rename_log_header
+from topdress.drivers.files.foreign_logs import rename_log_header
 from topdress.drivers.files.formats.registry import find_format
 from topdress.drivers.files.header_names import rename_header as renamed
 from topdress.drivers.files.imports.column_vocabulary import (

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from topdress.drivers.files.layers import Layer, convert_to_degrees
 from topdress.drivers.files.limits import GEOPACKAGE_LIMIT, MEGABYTE, check_limit
+from topdress.drivers.files.shape_layers import Layer, convert_to_degrees
 from topdress.drivers.files.stated_units import StatedUnit, find_markup_units, find_text_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.table_header import split_unit_name
 from topdress.drivers.files.imports.units import (
     UNIT_OF_ENDING,
     ColumnUnit,

@@ -13,8 +13,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.layers import Layer, build_polygon, combine_shapes, convert_to_degrees
 from topdress.drivers.files.limits import DAMAGED_ZIP
+from topdress.drivers.files.shape_layers import (
+    Layer,
+    build_polygon,
+    combine_shapes,
+    convert_to_degrees,
+)
 from topdress.drivers.files.stated_units import find_element_units
 from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput

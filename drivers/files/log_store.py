@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import TEXT_COLUMNS
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.atomic import find_sidecar, write_atomically
+from topdress.drivers.files.atomic_files import find_sidecar, write_atomically
 from topdress.drivers.files.columns import Columns, format_csv, is_text_column, make_texts_array
-from topdress.drivers.files.extras import require_extras
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits, check_file
 from topdress.drivers.files.log_text import format_values
+from topdress.drivers.files.optional_packages import require_extras
 from topdress.drivers.files.parquet_limits import check_parquet, check_text_bytes
 from topdress.drivers.files.run_meta import RunMeta, format_meta_yaml, parse_meta_yaml
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from topdress.drivers.files.extras import format_extra_line
+from topdress.drivers.files.optional_packages import format_extra_line
 from topdress.drivers.plain_text import RefusedInput
 
 # GDAL's drivers by suffix.
@@ -61,7 +61,7 @@ def write_layer(
             crs="EPSG:4326",
             append=append,
         )
-        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic_files import write_atomically
 
         if suffix == ".kmz":
             packed = Path(folder) / "out.kmz"

@@ -14,9 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.atomic import find_sidecar
+from topdress.drivers.files.atomic_files import find_sidecar
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.foreign import examine_columns, find_needed_columns, rename_log_header
+from topdress.drivers.files.foreign_logs import (
+    examine_columns,
+    find_needed_columns,
+    rename_log_header,
+)
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_log_store, read_log_store, read_store_meta
 from topdress.drivers.files.log_text import find_log_columns, format_header

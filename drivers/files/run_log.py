@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Self
 
 from topdress.control.log_row import LogRow
-from topdress.drivers.files.atomic import (
+from topdress.drivers.files.atomic_files import (
     CutShortError,
     NewFile,
     create_new_file,

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 from pydantic import BaseModel
-from topdress.drivers.files.atomic import find_sidecar
+from topdress.drivers.files.atomic_files import find_sidecar
 from topdress.drivers.files.plain_data import convert_to_plain
 from topdress.drivers.files.yaml_text import YamlError, dump_yaml, parse_yaml
 

@@ -21,7 +21,8 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import ArchiveFiles, Folder, open_archive
 from topdress.drivers.files.imports.dialect import find_encoding
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.layers import (
+from topdress.drivers.files.limits import DAMAGED_ZIP
+from topdress.drivers.files.shape_layers import (
     Layer,
     apply_projection,
     build_polygon,
@@ -29,7 +30,6 @@ from topdress.drivers.files.layers import (
     drop_closing_corner,
     find_projection,
 )
-from topdress.drivers.files.limits import DAMAGED_ZIP
 from topdress.drivers.files.stated_units import StatedUnit, read_side_units
 from topdress.drivers.plain_text import OneLineError, PlaceInFile, RefusedInput
 

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 
 from topdress.drivers.files.archives import ArchiveFiles
 from topdress.drivers.files.imports.column_vocabulary import SHAPEFILE_NAME_LENGTH, fold_column_name
-from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.table_header import split_unit_name
 from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.limits import SIDE_FILE_LIMIT
 from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import Columns, is_text_column, make_texts_array
 from topdress.drivers.files.header_names import RenamedHeader
-from topdress.drivers.files.imports.header import EMPTY_CELLS, is_unit_row, is_value_cell
+from topdress.drivers.files.imports.cell_numbers import parse_number, parse_number_cells
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.imports.numbers import parse_number, parse_number_cells
-from topdress.drivers.files.imports.text import (
+from topdress.drivers.files.imports.table_header import EMPTY_CELLS, is_unit_row, is_value_cell
+from topdress.drivers.files.imports.text_table import (
     CellColumn,
     NumberCells,
     convert_to_utf8,

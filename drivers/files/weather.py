@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.days import count_days_above_base
+from topdress.control.agronomy.growing_days import count_days_above_base
 from topdress.drivers.files.limits import CONFIG_LIMIT
 from topdress.drivers.plain_text import OneLineError
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from topdress.control.readings import DriveCommand
 from topdress.drivers.ports import Clock, Port, PortState
-from topdress.drivers.virtual.extras import MachineExtra
+from topdress.drivers.virtual.virtual_devices import MachineExtra
 
 # The sender uses twice the baud rate of the reader.
 WRONG_BAUD_RATIO = 2.0

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.ports import UNPLUGGED, Clock, Port, PortState
-from topdress.drivers.virtual.extras import MachineExtra
 from topdress.drivers.virtual.faults import LineCorrupter, PortFaults, ServedLine
+from topdress.drivers.virtual.virtual_devices import MachineExtra
 
 VERSION_REPORT = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE_PATH = "/dev/virtual"

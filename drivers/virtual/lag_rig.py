@@ -10,7 +10,7 @@ from collections.abc import Callable
 from topdress.control.simulation.plant import PlantTruth, SensorReadings
 from topdress.drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from topdress.drivers.ports import Port
-from topdress.drivers.virtual.extras import MachineExtra
+from topdress.drivers.virtual.virtual_devices import MachineExtra
 
 # Rounds of the rig's program in one step of the plant.
 ROUNDS_PER_STEP = 10

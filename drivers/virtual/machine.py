@@ -18,7 +18,7 @@ from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal_sentence
 from topdress.drivers.devices.slave_board import BoardConfig
 from topdress.drivers.ports import Clock, MemoryPort, Port, make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import MachineExtra
+from topdress.drivers.virtual.virtual_devices import MachineExtra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 # The time of a simulated fix that carries no UTC.

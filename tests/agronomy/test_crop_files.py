@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import make_rate_table, prepare_rule
+from topdress.control.agronomy.nitrogen_rate import make_rate_table, prepare_rule
 from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.agronomy.yield_potential import PUBLISHED_YIELD_CURVES, YieldPotential
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.farm_lines import RECORD_COLUMNS
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 from tests.command import topdress
 

@@ -10,10 +10,10 @@ import pytest
 from pydantic import ValidationError
 from topdress.console.app.pages.job.checklist import LOOK, OK, list_checks
 from topdress.console.app.units import METRIC
-from topdress.console.reports.job_about import JobMetadata, find_job_events, format_names
+from topdress.console.reports.job_metadata import JobMetadata, find_job_events, format_names
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.days import count_days_above_base
-from topdress.control.agronomy.growth import (
+from topdress.control.agronomy.growing_days import count_days_above_base
+from topdress.control.agronomy.growth_stage import (
     GrowthStage,
     GrowthStageComparison,
     GrowthWindow,
@@ -22,8 +22,8 @@ from topdress.control.agronomy.growth import (
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import JOB_KIND
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.config_kinds import JOB_KIND
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.files.weather import WeatherError, count_growing_days, read_weather
 
 from tests.app.made_up.job import facts_of
@@ -147,7 +147,7 @@ def test_the_list_before_work_says_it():
 
 def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     crop = load_setup("huanghai", "demo", dt.date(2014, 3, 7)).crop
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
 
     rows = "".join(f"{dt.date(2025, 11, 1) + dt.timedelta(days=k)},8.0\n" for k in range(150))
     (tmp_path / "w.csv").write_text("date,mean_temp_c\n" + rows)

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.fusion import (
+from topdress.control.agronomy.head_fusion import (
     FusedNdvi,
     FusionLimits,
     FusionState,
     fuse_readings,
     start_fusion,
 )
-from topdress.control.agronomy.noa import (
+from topdress.control.agronomy.nitrogen_rate import (
     calc_insey,
     calc_requirement_kg_ha,
     calc_response_index,
@@ -27,7 +27,7 @@ from topdress.control.agronomy.noa import (
     make_rate_table,
     prepare_rule,
 )
-from topdress.control.agronomy.sampling import (
+from topdress.control.agronomy.sampling_frequency import (
     FREQUENCIES_HZ,
     ReadingUniformity,
     calc_cuc_percent,

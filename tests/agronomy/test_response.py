@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import calc_yield_without_t_ha, prepare_rule
+from topdress.control.agronomy.nitrogen_rate import calc_yield_without_t_ha, prepare_rule
+from topdress.control.agronomy.nitrogen_response import HarvestLine, calc_field_response
 from topdress.control.agronomy.reference_strips import (
     ReferenceStrips,
     StripMean,
@@ -22,10 +23,9 @@ from topdress.control.agronomy.reference_strips import (
     find_index_doubt,
     parse_strip,
 )
-from topdress.control.agronomy.response import HarvestLine, calc_field_response
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP_KIND
+from topdress.drivers.files.config_kinds import CROP_KIND
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from topdress.console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.history import LiveHistory
+from topdress.console.app.frame_history import LiveHistory
 from topdress.console.app.pages.diagnosis.page import DiagnosisScreen
 from topdress.console.app.pages.map.page import MapScreen
 from topdress.console.app.pages.replay.service import ReplayJob

@@ -11,7 +11,7 @@ import pytest
 from topdress.console.app.alarms import MIN_BELL_GAP_S, RED_REPEAT_S, AlarmBell, make_alarm_entries
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.units import METRIC
-from topdress.console.services.sound import SoundPlayer
+from topdress.console.services.sound_player import SoundPlayer
 from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.orders import Alarm, Do, Severity
 

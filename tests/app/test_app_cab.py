@@ -10,7 +10,7 @@ from topdress.console.app.boundary_drive import BoundaryDrive
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.guide_line import GuideLine
-from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.map_layers import MapLayer, find_colour_scale
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.run.page import LIGHTS_PER_SIDE, LightBar, make_light_view

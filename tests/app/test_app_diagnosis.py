@@ -640,7 +640,7 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
 def test_the_plans_of_all_manoeuvres_are_known():
     from topdress.control.experiments.manoeuvres import list_manoeuvres
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     plans = {
         one.id: one.plan for one in list_manoeuvres(load_config("huanghai", MACHINE_KIND).model)

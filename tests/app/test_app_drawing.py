@@ -11,18 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
-from topdress.console.app import camera, panel_views
+from topdress.console.app import map_camera, panel_views
 from topdress.console.app.actions import ACTIONS
+from topdress.console.app.block_digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.braille import trace_values
 from topdress.console.app.coverage_raster import GroundBox
-from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
-from topdress.console.app.history import LiveHistory
+from topdress.console.app.frame_history import LiveHistory
 from topdress.console.app.pages.calibrate.curve_plot import CurvePlot, CurveView
 from topdress.console.app.refresh_rates import RefreshTimer
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.console.app.widgets.base_panel import align_text_right, fit_text_width, spread_parts
 from topdress.console.app.widgets.value_tiles import draw_share_bar
-from topdress.console.scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
+from topdress.console.colour_scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
 from topdress.control.log_row import LogRow
 
 from tests.app.harness import dots
@@ -143,7 +143,7 @@ def test_an_unknown_value_breaks_the_trace():
 )
 def test_every_place_lies_on_the_map(places, columns, rows):
     easts, norths = zip(*places, strict=True)
-    pixels = camera.fit_box(
+    pixels = map_camera.fit_box(
         GroundBox(min(easts), min(norths), max(easts), max(norths)), columns, rows
     ).make_grid(columns, rows)
     for place in places:
@@ -152,7 +152,7 @@ def test_every_place_lies_on_the_map(places, columns, rows):
 
 
 def test_the_map_has_north_up_and_east_right():
-    pixels = camera.fit_box(GroundBox(0.0, 0.0, 50.0, 50.0), 40, 40).make_grid(40, 40)
+    pixels = map_camera.fit_box(GroundBox(0.0, 0.0, 50.0, 50.0), 40, 40).make_grid(40, 40)
     west, north = pixels.find_pixel(0.0, 50.0), pixels.find_pixel(0.0, 0.0)
     assert west[1] < north[1]
     assert pixels.find_pixel(50.0, 0.0)[0] > pixels.find_pixel(0.0, 0.0)[0]

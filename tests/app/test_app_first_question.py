@@ -15,10 +15,10 @@ from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.cli import screens
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
-from topdress.console.services.recent import find_recent_sets
+from topdress.console.services.recent_jobs import find_recent_sets
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB_KIND
+from topdress.drivers.files.config_kinds import JOB_KIND
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 

@@ -12,7 +12,6 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.job.check_list import CheckList, fit_checks
 from topdress.console.app.pages.job.checklist import (
     LOOK,
     OK,
@@ -22,6 +21,7 @@ from topdress.console.app.pages.job.checklist import (
     list_checks,
     make_total_items,
 )
+from topdress.console.app.pages.job.checklist_panel import CheckList, fit_checks
 from topdress.console.app.pages.job.refill import RefillWatch
 from topdress.console.app.pages.job.service import EarlierRun, JobOffer
 from topdress.console.app.pages.job.strip_measurement import StripRun, calc_standard_error

@@ -17,7 +17,7 @@ from topdress.console.app.pages.job.map_dialog import MapDialog
 from topdress.console.app.pages.job.service import FileChoice
 from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import METRIC
-from topdress.console.scale import find_rate_colour
+from topdress.console.colour_scale import find_rate_colour
 
 from tests.app.harness import settled
 from tests.app.made_up.job import FACTS, SampleJobService

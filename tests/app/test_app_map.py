@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
-from topdress.console.app.layers import MapLayer
 from topdress.console.app.map_image import (
     DONE_ENTRY,
     OVERLAY_ENTRY,
@@ -17,6 +16,7 @@ from topdress.console.app.map_image import (
     PLAN_ENTRY,
     make_image,
 )
+from topdress.console.app.map_layers import MapLayer
 from topdress.console.app.pages.map.map_pane import MapPane
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.replay_source import ReplaySource

@@ -10,7 +10,7 @@ import pytest
 from topdress.console.app import actions, pages
 from topdress.console.app.action import DEVICES, JOB, RUN
 from topdress.console.app.pages.page_registry import SCREEN_CLASSES
-from topdress.console.app.tablet import VIEW_ONLY_PAGES, WRITING_PAGES
+from topdress.console.app.tablet_app import VIEW_ONLY_PAGES, WRITING_PAGES
 
 from tests.app.gallery import PICTURES
 
@@ -31,7 +31,7 @@ def test_page_is_complete(name: str) -> None:
     assert set(own) <= set(actions.ACTIONS), "console/app/actions.py"
     opens = actions.BY_ID.get(f"{name}_screen")
     assert opens is not None, "console/app/common_keys.py"
-    assert name in WRITING_PAGES | VIEW_ONLY_PAGES | MACHINE_PAGES, "console/app/tablet.py"
+    assert name in WRITING_PAGES | VIEW_ONLY_PAGES | MACHINE_PAGES, "console/app/tablet_app.py"
     assert name in {one.screen for one in PICTURES}, "tests/app/gallery.py"
     row = f"| {name.capitalize()} | `{opens.shown}` |"
     assert row in TABLE.read_text(encoding="utf-8"), "docs/screens/README.md"

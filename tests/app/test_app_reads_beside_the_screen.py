@@ -26,7 +26,7 @@ from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
 from topdress.console.services.settings import read_settings_store
-from topdress.drivers.files.setup import build_setup, load_by_kind
+from topdress.drivers.files.run_setup import build_setup, load_by_kind
 
 WATCHED = {
     "open",

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 from topdress.console.app.app import TopdressApp
+from topdress.console.app.impossible_reasons import explain_not_ready
 from topdress.console.app.panel_views import MAX_FRESH_AGE_S, explain_rate
-from topdress.console.app.reasons import explain_not_ready
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.widgets.alarm_bar import AlarmBar
 from topdress.console.app.widgets.base_panel import Panel

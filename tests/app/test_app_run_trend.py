@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.history import TrendPoint, make_point
+from topdress.console.app.frame_history import TrendPoint, make_point
 from topdress.console.app.panel_views import find_applied_kg_ha
 from topdress.console.app.widgets.rate_trend import Trend, TrendView
 from topdress.console.app.widgets.value_tiles import TileGraphs, make_graph

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID, find_value, list_values
 from topdress.console.app.pages.trends.channel_plots import round_axis_ends
-from topdress.console.app.series import (
+from topdress.console.app.trend_channels import CHANNELS, RATE_ERROR_ID, find_value, list_values
+from topdress.console.app.trend_series import (
     BUCKET_WIDTHS_S,
     BUCKETS_PER_LEVEL,
     LogSeries,
@@ -155,7 +155,7 @@ def test_nothing_is_known_before_the_first_row():
 
 
 def test_time_that_runs_back_begins_anew():
-    from topdress.console.app.history import LiveHistory
+    from topdress.console.app.frame_history import LiveHistory
 
     history = LiveHistory()
     for one in run_frames(seconds=10.0):
@@ -183,6 +183,6 @@ def test_axes_of_examples():
 def test_every_number_of_the_log_has_a_labelled_channel():
     """A new column of the log is plotted, and the console starts, before anybody labels it."""
     unlabelled = {channel.id for channel in CHANNELS if channel.label == channel.id}
-    assert unlabelled <= {"satellites"}, "a label in console/app/channels.py"
+    assert unlabelled <= {"satellites"}, "a label in console/app/trend_channels.py"
     numbers = set(COLUMNS) - TEXT_COLUMNS - {"time_s", *NDRE_COLUMNS}
     assert numbers <= {channel.id for channel in CHANNELS}

@@ -32,7 +32,7 @@ from topdress.console.app.screens.help_screen import HelpScreen
 from topdress.console.app.screens.jump_letters import JumpScreen
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.settings import find_keymap_fault
-from topdress.console.app.tablet import KeyDialog, TabletApp, TabletKey
+from topdress.console.app.tablet_app import KeyDialog, TabletApp, TabletKey
 from topdress.console.app.units import METRIC
 from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.console.link import WorkerGone

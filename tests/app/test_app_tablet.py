@@ -13,7 +13,7 @@ from topdress.console.app.guide_line_store import make_line_record
 from topdress.console.app.pages.job.service import EarlierRun
 from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
-from topdress.console.app.tablet import WRITING_PAGES, KeyDialog, TabletApp, TabletKey
+from topdress.console.app.tablet_app import WRITING_PAGES, KeyDialog, TabletApp, TabletKey
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.key_bar import KeyBar
 from topdress.console.services.line_files import ReadOnlyGuideLineFiles, StoredGuideLineFiles

@@ -20,13 +20,13 @@ from topdress.console.app.undo_stack import (
 )
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
-from topdress.console.worker.run_parts import FRAME_FIELDS
+from topdress.console.worker.run_interfaces import FRAME_FIELDS
 from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, TargetSource
 from topdress.control.safety import Allowances
 from topdress.control.simulation.closed_loop import simulate_run
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.app.harness import feed, settled
 from tests.control_loop.closed import Closed

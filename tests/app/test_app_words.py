@@ -23,11 +23,11 @@ from topdress.console.locale import (
     use_language,
 )
 from topdress.console.locale.po_reader import read_po
-from topdress.control.machine.form import FORMS
+from topdress.control.machine.term_form import FORMS
 from topdress.control.orders import Alarm, Severity, State, Strategy, TargetSource
 from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS
 from topdress.drivers.files.config import find_shipped_files, load_config
-from topdress.drivers.files.kinds import CROP_KIND
+from topdress.drivers.files.config_kinds import CROP_KIND
 
 from tests.app.gallery import Picture, settle, still_app
 
@@ -146,7 +146,7 @@ def test_the_refusals_of_a_prescription_are_found():
         "csv_zones.py",
         "grid_from_points.py",
         "raster.py",
-        "layers.py",
+        "map_layers.py",
         "isoxml_read.py",
         "task_files.py",
         "shapes.py",

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.console.app.camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.coverage_raster import (
     CELL_KIND_COUNT,
     CELL_PLANE_COUNT,
@@ -21,8 +20,8 @@ from topdress.console.app.coverage_raster import (
     make_spot,
 )
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
-from topdress.console.app.history import LiveHistory, LogHistory
-from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.frame_history import LiveHistory, LogHistory
+from topdress.console.app.map_camera import MapCamera, PixelGrid, fit_box
 from topdress.console.app.map_image import (
     DONE_ENTRY,
     EMPTY_ENTRY,
@@ -37,8 +36,9 @@ from topdress.console.app.map_image import (
     mark_trail,
     rasterise_lines,
 )
+from topdress.console.app.map_layers import MapLayer, find_colour_scale
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.scale import COLOUR_STEPS
+from topdress.console.colour_scale import COLOUR_STEPS
 
 from tests.app.made_up.run import run_frames
 
@@ -468,7 +468,7 @@ def test_the_plan_s_mass_and_the_rate_at_a_place():
     st.integers(0, 16),
 )
 def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
-    from topdress.console.app.camera import PIXEL_SIZES_M
+    from topdress.console.app.map_camera import PIXEL_SIZES_M
 
     pixels = MapCamera(east, north, PIXEL_SIZES_M[scale]).make_grid(columns, rows)
     column, row = pixels.find_pixel(east, north)

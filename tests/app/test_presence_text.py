@@ -8,11 +8,11 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.attach_notice import JoinedMachineFacts
 from topdress.console.app.dialogs import TextDialog
-from topdress.console.app.ordered_words import ORDER_NAMES
+from topdress.console.app.order_words import ORDER_NAMES
 from topdress.console.app.pages.page_registry import SCREEN_CLASSES
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.services import Services
-from topdress.console.attached import AttachedConsole, ExecutedOrder
+from topdress.console.attached_consoles import AttachedConsole, ExecutedOrder
 from topdress.control.orders import Do
 
 from tests.app.harness import in_state, later, looked, text_of, turned

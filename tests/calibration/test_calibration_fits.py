@@ -22,9 +22,9 @@ from topdress.control.calibration.tube_fit import settle_tube
 from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.fall import calc_drop_s, find_paper_lag_s
 from topdress.control.machine.machine import Adopted, Machine, add_effect
-from topdress.control.machine.start import calc_response_s, find_first_fall_s
+from topdress.control.machine.start_lag import calc_response_s, find_first_fall_s
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND as MACHINE_FILES
+from topdress.drivers.files.config_kinds import MACHINE_KIND as MACHINE_FILES
 
 from tests.command import topdress
 

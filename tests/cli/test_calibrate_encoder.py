@@ -20,7 +20,7 @@ from topdress.control.calibration.encoder_fit import fit_counts
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.virtual.board import TRUE_COUNTS_PER_TURN
-from topdress.drivers.virtual.served import ServedMachine, ServeOptions
+from topdress.drivers.virtual.served_machine import ServedMachine, ServeOptions
 
 from tests.command import TOPDRESS, serving, topdress
 from tests.drivers.conftest import FakePlant

@@ -24,11 +24,11 @@ from topdress.control.machine.fall import calc_drop_s as drop_time_s
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from topdress.control.machine.terms import Term
-from topdress.control.metering.setting import PLAN_BAND_MM_SHARE
-from topdress.drivers.files import setup
+from topdress.control.metering.pair_planner import PLAN_BAND_MM_SHARE
+from topdress.drivers.files import run_setup
 from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
+from topdress.drivers.files.config_kinds import JOB_KIND, MACHINE_KIND
 
 from tests.command import topdress
 
@@ -449,13 +449,13 @@ def test_a_shipped_machine_has_none() -> None:
 def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     """What is done, in its order; no screen is drawn and no worker runs."""
     done: list[str] = []
-    setup_of = setup.build_setup
+    setup_of = run_setup.build_setup
 
     def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
         done.append("worker")
         return WorkerAddress(1, None, 1)
 
-    def read(*args: Any) -> setup.Setup:
+    def read(*args: Any) -> run_setup.Setup:
         done.append("files")
         return setup_of(*args)
 
@@ -465,7 +465,7 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setattr(screens, "is_first_time", lambda: False)
     monkeypatch.setattr("topdress.console.running.find_running_worker", lambda: None)
     monkeypatch.setattr(Launcher, "start_process", start)
-    monkeypatch.setattr(setup, "build_setup", read)
+    monkeypatch.setattr(run_setup, "build_setup", read)
     monkeypatch.setattr(TopdressApp, "run", lambda self: done.append("screen"))
     return done
 

@@ -10,7 +10,7 @@ import pytest
 from topdress.control.diagnosis.runs.compared import calc_rms_interval
 from topdress.control.machine.machine import Adopted, add_effect
 from topdress.drivers.files.config import calc_sha256, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 from tests.command import topdress
 

@@ -18,10 +18,10 @@ from topdress.control.machine.compiled import run_shaft
 from topdress.control.machine.machine import add_effect
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
-from topdress.drivers.files import extras
+from topdress.drivers.files import optional_packages
 from topdress.drivers.files.config import find_shipped_files, load_config
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.file_sniffer import sniff_file_kind
-from topdress.drivers.files.kinds import MACHINE_KIND
 
 from tests.command import topdress
 
@@ -170,18 +170,19 @@ def test_an_install_line_needs_no_package_of_ours(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     assert re.fullmatch(
-        r"\S+ -m pip install 'textual-serve>=[\d.]+'", extras.format_extra_line("serve")
+        r"\S+ -m pip install 'textual-serve>=[\d.]+'", optional_packages.format_extra_line("serve")
     )
     # an environment of `uv tool install`
-    monkeypatch.setattr(extras, "find_spec", lambda _: None)
+    monkeypatch.setattr(optional_packages, "find_spec", lambda _: None)
     assert re.fullmatch(
-        r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.format_extra_line("serve")
+        r"uv pip install --python \S+ 'textual-serve>=[\d.]+'",
+        optional_packages.format_extra_line("serve"),
     )
     # an environment of pipx, whatever its back end
-    monkeypatch.setattr(extras.sys, "prefix", str(tmp_path / "topdress"))
+    monkeypatch.setattr(optional_packages.sys, "prefix", str(tmp_path / "topdress"))
     (tmp_path / "topdress").mkdir()
-    (tmp_path / "topdress" / extras.PIPX_METADATA).touch()
-    line = extras.format_extra_line("diagnosis")
+    (tmp_path / "topdress" / optional_packages.PIPX_METADATA).touch()
+    line = optional_packages.format_extra_line("diagnosis")
     assert re.fullmatch(r"pipx inject topdress 'numba>=[\d.]+'", line)
 
 

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from topdress.console.cli import at_the_bench, drop_by_hand
+from topdress.console.cli import bench_session, drop_test
 from topdress.control.machine.fall import Fall, find_start_drop_s
 
 from tests.command import TOPDRESS, serving, topdress
@@ -62,7 +62,7 @@ SILENT = "socket://127.0.0.1:9"
 def test_what_is_missing_is_said_and_writes_nothing(
     words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (at_the_bench, drop_by_hand):
+    for module in (bench_session, drop_test):
         monkeypatch.setattr(module, "DEVICE_TIMEOUT_S", 0.5)
     table = tmp_path / "lag.csv"
     result = topdress("calibrate", "lag", *words, "--out", table)

@@ -13,7 +13,7 @@ from topdress.control.calibration.first_machine import round_up, suggest_machine
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_nonempty_log
 
 from tests.command import topdress

@@ -18,7 +18,7 @@ from topdress.console.cli import app
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.drivers.files.config import find_shipped_files, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.files.prescriptions.map_writer import write_prescription
 from typer.models import OptionInfo

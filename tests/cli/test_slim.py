@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from topdress.drivers.files import extras
+from topdress.drivers.files import optional_packages
 
 from tests.places import TASK_FILES
 
 ROOT = Path(__file__).parents[2]
 MODULES = sorted(
-    {module for _, modules in extras.EXTRAS.values() for module in modules}
+    {module for _, modules in optional_packages.EXTRAS.values() for module in modules}
     | {"pyproj", "pandas", "dask"}
 )
 Ran = subprocess.CompletedProcess[str]
@@ -137,5 +137,5 @@ def test_all_else_is_refused_with_what_installs_it(
 
 def test_extras_says_what_is_there_and_what_installs_the_rest(slim: Callable[..., Ran]) -> None:
     said = slim("extras").stdout.splitlines()
-    for name, line in zip(extras.EXTRAS, said, strict=True):
-        assert f"not installed: {extras.format_extra_line(name)}" in line
+    for name, line in zip(optional_packages.EXTRAS, said, strict=True):
+        assert f"not installed: {optional_packages.format_extra_line(name)}" in line

@@ -17,7 +17,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import MeasurementHold, SimulatedTick, simulate_run
 from topdress.control.simulation.plant import PlantTruth
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 STEP_S = 0.05
 SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.field.job import Job, Simulated
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.parameter_uncertainty import make_plausible_machine
@@ -19,7 +19,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import RunRecord, SimulatedTick, simulate_run
 from topdress.control.simulation.error_metrics import RunErrors, judge_run
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 
 class Run:

@@ -13,7 +13,7 @@ from topdress.control.loop.tick import Tick
 from topdress.control.orders import Answer, Do, Order, State
 from topdress.control.readings import DriveCommand, GnssFix, Measurements, Reading
 from topdress.control.simulation.assembly import make_control_loop
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.control_loop.closed import SETUP, STEP_S, Change, Closed
 

@@ -165,7 +165,7 @@ def test_one_seed_one_run(simulated: Any) -> None:
 
 def test_the_canopy_has_the_wanted_mean_and_cv() -> None:
     from topdress.control.field.job import Canopy
-    from topdress.control.simulation.canopy import CanopyField
+    from topdress.control.simulation.simulated_canopy import CanopyField
 
     field = CanopyField(Canopy(mean_ndvi=0.5, cv_percent=10.0), (0.0, 200.0), (0.0, 200.0), 4)
     assert field.ndvi.mean() == pytest.approx(0.5, abs=0.002)

@@ -19,9 +19,9 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import SimulatedTick, simulate_run
 from topdress.control.simulation.compiled_steps import COMPILED_STEPS
-from topdress.control.targets.overlap import DoneGroundAhead
+from topdress.control.targets.done_ground_ahead import DoneGroundAhead
 from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 TODAY = dt.date(2026, 4, 1)
 EFFECTS = (

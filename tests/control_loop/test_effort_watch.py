@@ -12,7 +12,7 @@ from topdress.control.loop import effort_watch
 from topdress.control.loop.effort_watch import EFFORT_MEAN_S, EffortWatch
 from topdress.control.machine.effort import Effort
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.inverse_model import Conditions
 from topdress.control.readings import Measurements, Reading
 
 SEASON_H = 300.0

@@ -13,15 +13,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.field.job import Job, Wanted
-from topdress.control.field.totals import Totals, TotalSums
-from topdress.control.machine.elements import Array
+from topdress.control.field.job_totals import Totals, TotalSums
+from topdress.control.machine.model_elements import Array
 from topdress.control.metering.flow_trim import FlowTrim
 from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.readings import Reading
 from topdress.control.simulation.closed_loop import RunRecord
 from topdress.control.simulation.error_metrics import find_crop_needs, find_landing, judge_run
 from topdress.control.simulation.tractor import make_field_path
-from topdress.control.targets.canopy import (
+from topdress.control.targets.canopy_target import (
     HOLD_HORIZON_M,
     MAX_DEFICIT_SHARE,
     MAX_FACTOR,
@@ -357,9 +357,9 @@ def test_what_lands_as_needed_has_no_error_against_the_need(simulated: Any) -> N
 
 
 def test_needs_are_the_crops_rule() -> None:
-    from topdress.control.agronomy.noa import prepare_rule
+    from topdress.control.agronomy.nitrogen_rate import prepare_rule
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
 
     rule = prepare_rule(load_config("huanghai_wheat", CROP_KIND).model)
     found = find_crop_needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))

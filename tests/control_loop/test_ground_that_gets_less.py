@@ -15,7 +15,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Do, TargetSource
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.rate_map import GridMap, make_frame_m
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.control_loop.closed import SETUP, Closed
 

@@ -19,15 +19,15 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import Tick
 from topdress.control.orders import Do, TargetSource
 from topdress.control.simulation.assembly import make_control_loop, make_plant
-from topdress.control.simulation.canopy import CanopyField, HeadRow
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
-from topdress.control.targets.canopy import MapAndCanopy, RateBounds
+from topdress.control.simulation.simulated_canopy import CanopyField, HeadRow
+from topdress.control.targets.canopy_target import MapAndCanopy, RateBounds
 from topdress.control.targets.index_map import MAX_OFFSET, IndexMap
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, Prescription
-from topdress.control.targets.profile import DecidedStretches, Target, TargetChange
 from topdress.control.targets.rate_map import GridMap, make_frame_m
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.control.targets.target_profile import DecidedStretches, Target, TargetChange
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 from tests.control_loop.closed import SETUP, Closed
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from topdress.control.machine.change_lag import LagParts, SettledPair, calc_change_lag
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.orders import TargetSource
-from topdress.control.targets.canopy import CanopyDecisions
+from topdress.control.targets.canopy_target import CanopyDecisions
 from topdress.control.targets.lag_correction import ChangeQueue
-from topdress.control.targets.profile import DecidedStretches, Target, TargetChange
+from topdress.control.targets.target_profile import DecidedStretches, Target, TargetChange
 
 
 def test_an_opening_change_lags_by_gate_and_drop() -> None:
@@ -135,9 +135,9 @@ def test_the_first_stretch_begins_where_it_is_within_reach(
 
 
 def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:
-    from topdress.control.agronomy.noa import prepare_rule
+    from topdress.control.agronomy.nitrogen_rate import prepare_rule
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
 
     rule = prepare_rule(load_config("huanghai_wheat", CROP_KIND).model)
     stretches = DecidedStretches(300.0)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.control.machine.machine import CATALOGUE, Machine, add_effect
 from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
-from topdress.control.metering.inverse import (
+from topdress.control.metering.inverse_model import (
     Conditions,
     calc_flow_kg_s,
     calc_lowest_flow_kg_s,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.services.rerun import parse_events
-from topdress.control.agronomy.noa import prepare_rule
+from topdress.console.services.replay_rerun import parse_events
+from topdress.control.agronomy.nitrogen_rate import prepare_rule
 from topdress.control.agronomy.reference_strips import ReferenceStrips, StripMean
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.job import Ground, Job, Simulated, Wanted
@@ -22,10 +22,10 @@ from topdress.control.simulation.error_metrics import find_landing
 from topdress.control.simulation.plant import Plant
 from topdress.control.simulation.tractor import PathLeg
 from topdress.control.simulation.tractor import TractorPath as Way
-from topdress.control.targets.overlap import DoneGroundAhead, merge_short_runs
+from topdress.control.targets.done_ground_ahead import DoneGroundAhead, merge_short_runs
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP_KIND
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.config_kinds import CROP_KIND
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 from tests.control_loop.closed import Closed
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.landing import calc_fall_times_s
 from topdress.control.machine.machine import Machine, Tolerance
-from topdress.control.machine.start import set_carried_share
-from topdress.control.metering.inverse import Conditions, calc_flow_kg_s
-from topdress.control.metering.setting import PairPlanner
+from topdress.control.machine.start_lag import set_carried_share
+from topdress.control.metering.inverse_model import Conditions, calc_flow_kg_s
+from topdress.control.metering.pair_planner import PairPlanner
 from topdress.control.metering.strategies import DrivePair, find_pair
 from topdress.control.orders import Strategy
 from topdress.control.readings import (
@@ -26,9 +26,9 @@ from topdress.control.readings import (
     drop_impossible,
 )
 from topdress.control.sensing import SpeedForecast, SpeedForecaster
-from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
+from topdress.control.sensing.speed_forecast import QUICK_TAU_S, SpeedFilter
 from topdress.control.simulation.assembly import make_control_loop
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 DT_S = 0.05
 # a lag test between two rates said so

@@ -20,11 +20,11 @@ from topdress.control.loop.tick import Tick
 from topdress.control.orders import Do, TargetSource
 from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.sensing import Sensing, SensingLimits
+from topdress.control.sensing.place_drift import WINDOWS_S
 from topdress.control.sensing.position_gate import PositionGate
-from topdress.control.sensing.walk_watch import WINDOWS_S
 from topdress.control.simulation.assembly import add_simulated_field
 from topdress.drivers.files.prescriptions.job_targets import read_job_map
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.control_loop.closed import Closed
 from tests.places import RECEIVERS

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from shapely import Point, Polygon
 from topdress.console.frame import Frame
-from topdress.console.worker.run_parts import FRAME_FIELDS
+from topdress.console.worker.run_interfaces import FRAME_FIELDS
 from topdress.console.worker.wire_format import format_frame
 from topdress.control.field.job import Job, Wanted
 from topdress.control.geodesy import TangentPlane
@@ -31,7 +31,7 @@ from topdress.control.orders import PLACE_SOURCES, Do, Order, State, Strategy, T
 from topdress.control.readings import AnnouncedSpeeds, GnssFix, Measurements, Reading
 from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
 from topdress.drivers.files.log_text import RowText
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 STEPS_A_RUN = 2000
 DT_S = 0.05

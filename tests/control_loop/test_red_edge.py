@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from topdress.console.app.pages.job.strip_measurement import StripRun
-from topdress.console.services.rerun import rerun_loop
+from topdress.console.services.replay_rerun import rerun_loop
 from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import prepare_rule
+from topdress.control.agronomy.nitrogen_rate import prepare_rule
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from topdress.control.simulation.canopy import convert_to_ndre
+from topdress.control.simulation.simulated_canopy import convert_to_ndre
 from topdress.drivers.devices.canopy_heads import HeadsConfig
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import CROP_KIND, JOB_KIND
+from topdress.drivers.files.config_kinds import CROP_KIND, JOB_KIND
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta

@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.job import Job, Wanted
-from topdress.control.loop.sections import WHY_NO_FLOW, SectionControl, SectionLeads
+from topdress.control.loop.section_control import WHY_NO_FLOW, SectionControl, SectionLeads
 from topdress.control.machine.landing import calc_carried_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import Section, Valve, make_section_strips
@@ -36,8 +36,8 @@ from topdress.control.targets.section_ground import (
 )
 from topdress.drivers.files.config import load_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import MACHINE_KIND
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.config_kinds import MACHINE_KIND
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 HALF_FIELD = Boundary([(0.0, 0.0), (0.0, 200.0), (10.0, 200.0), (10.0, 0.0)])
 # its east side meets a pass askew

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import pytest
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import Conditions
-from topdress.control.metering.setting import COMMAND_BAND_MM, COMMAND_BAND_RPM, PairPlanner
+from topdress.control.metering.inverse_model import Conditions
+from topdress.control.metering.pair_planner import COMMAND_BAND_MM, COMMAND_BAND_RPM, PairPlanner
 from topdress.control.metering.strategies import DrivePair
 from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.orders import Strategy
 from topdress.control.readings import DriveCommand
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 C = Conditions()
 RPM, OPENING_MM = 50.0, 20.0

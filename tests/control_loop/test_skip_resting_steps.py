@@ -13,7 +13,7 @@ from topdress.control.readings import DriveCommand, Measurements, Reading
 from topdress.control.safety import SafetyLimits
 from topdress.control.simulation import plant as plants
 from topdress.control.simulation.plant import Plant, PlantTruth
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 STANDS, WORKS, FASTER = DriveCommand(0.0, 25.0), DriveCommand(40.0, 25.0), DriveCommand(55.0, 31.0)
 TODAY = dt.date(2026, 4, 1)

@@ -14,7 +14,7 @@ from topdress.control.loop.known_terms import KnownTerms
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.term_sums import TermSums, explain_not_compensated
 from topdress.control.machine.terms import Term, parse_term
-from topdress.control.metering.inverse import (
+from topdress.control.metering.inverse_model import (
     Conditions,
     calc_flow_kg_s,
     find_gate_command,
@@ -31,7 +31,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.control.simulation.error_metrics import RunErrors, judge_run
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 SETUP = load_setup("huanghai", "demo", dt.date(2026, 3, 1))
 

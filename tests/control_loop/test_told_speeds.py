@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from topdress.console.services.rerun import rerun_loop
+from topdress.console.services.replay_rerun import rerun_loop
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
 from topdress.control.readings import AnnouncedSpeeds, describe_announcement, parse_announcement
@@ -14,7 +14,7 @@ from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
-from topdress.drivers.files.setup import Setup
+from topdress.drivers.files.run_setup import Setup
 
 from tests.control_loop.closed import SETUP, Closed
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from topdress.console.frame import Frame
-from topdress.console.worker.run_parts import FRAME_FIELDS
+from topdress.console.worker.run_interfaces import FRAME_FIELDS
 from topdress.console.worker.wire_format import format_frame
 from topdress.control.field.job import Wanted
 from topdress.control.orders import Do, TargetSource

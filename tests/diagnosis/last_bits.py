@@ -122,7 +122,7 @@ def differences(cases: Sequence[Case], one: Sequence[Answer], other: Sequence[An
 
 def main(given: str, said: str) -> None:
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     machine = load_config("huanghai", MACHINE_KIND).model
     cases = pickle.loads(Path(given).read_bytes())

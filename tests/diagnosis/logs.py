@@ -17,16 +17,16 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.control.machine.compiled import run_flow, run_gate, run_scale, run_shaft, run_speed
-from topdress.control.machine.elements import round_to_step
 from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
 from topdress.control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, add_effect
+from topdress.control.machine.model_elements import round_to_step
 from topdress.control.machine.scale import ScaleInput
 from topdress.control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from topdress.control.machine.forms import Form
 from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_forms import Form
 
 HERE = Path(__file__).parent
 BENCHMARKS = HERE.parents[1] / "benchmarks" / "diagnosis"

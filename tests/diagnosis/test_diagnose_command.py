@@ -18,7 +18,7 @@ from topdress.control.diagnosis.tables import diagnose_tables
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from typer.testing import CliRunner
 
 

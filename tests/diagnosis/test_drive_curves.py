@@ -28,7 +28,7 @@ from topdress.control.diagnosis.runs.search import Search
 from topdress.control.machine.machine import Limits
 from topdress.control.machine.shaft import calc_time_constant_s
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.plain_data import build_from_plain
 
 from tests.diagnosis.logs import DRIVE, Columns, staircase, steps

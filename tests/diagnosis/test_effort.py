@@ -19,7 +19,7 @@ from topdress.control.diagnosis.runs.effort_reference import fit_effort
 from topdress.control.machine.flow import is_bridged
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import read_log
 
 from tests.diagnosis.known_causes import EXPECTED, Expected

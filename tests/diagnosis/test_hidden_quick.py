@@ -148,7 +148,7 @@ def exam() -> Any:
         )
         config = importlib.import_module("topdress.drivers.files.config")
         machine = config.load_config(
-            "huanghai", importlib.import_module("topdress.drivers.files.kinds").MACHINE_KIND
+            "huanghai", importlib.import_module("topdress.drivers.files.config_kinds").MACHINE_KIND
         ).model
 
         def marked(case: Any) -> Any:

@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.control.diagnosis.judgement.noise import Noise
-from topdress.control.diagnosis.live.rolling import ALARM_THRESHOLD, ChangePoint, SequentialTest
-from topdress.control.diagnosis.live.watch import (
+from topdress.control.diagnosis.live.growing_log_check import (
     CHECK_INTERVAL_S,
     DIAGNOSIS_INTERVAL_S,
     MAX_STRETCH_S,
     RETRY_INTERVAL_S,
     LiveCheck,
     find_departure,
+)
+from topdress.control.diagnosis.live.sequential_test import (
+    ALARM_THRESHOLD,
+    ChangePoint,
+    SequentialTest,
 )
 from topdress.control.diagnosis.result import (
     Cause,

@@ -15,7 +15,7 @@ from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.diagnosis.hidden.nominal import IDS
 from tests.diagnosis.hidden.programmes import PROGRAMMES

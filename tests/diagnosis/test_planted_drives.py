@@ -15,9 +15,9 @@ from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.judgement.checks import calc_correlation_p
 from topdress.control.diagnosis.runs.quantised import find_reading_step
 from topdress.control.machine.machine import Machine, Noise, Tolerance
-from topdress.control.recordings.values import blank_outliers
+from topdress.control.recordings.valid_values import blank_outliers
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import DRIVE, Columns, Rng, drive, followed, lagged, settled
 from tests.diagnosis.planted import Between, error_on, found_as_planted, planted

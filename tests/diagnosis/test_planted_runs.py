@@ -22,7 +22,7 @@ from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import (
     HUANGHAI,

@@ -15,12 +15,12 @@ from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.tables import diagnose_tables
 from topdress.control.diagnosis.tables.cross_calibration import compare_lag_series
 from topdress.control.diagnosis.tables.problem import make_problem
-from topdress.control.diagnosis.tables.rows import make_table_pieces
 from topdress.control.diagnosis.tables.search import search_table_models
+from topdress.control.diagnosis.tables.table_rows import make_table_pieces
 from topdress.control.diagnosis.tables.verdict import judge_table_search
 from topdress.control.machine.fall import calc_drop_s, find_start_drop_s
 from topdress.control.machine.machine import CATALOGUE
-from topdress.control.machine.start import calc_response_s
+from topdress.control.machine.start_lag import calc_response_s
 from topdress.drivers.files.bench_table import read_bench_table
 
 from tests.diagnosis.planted import Between, answered_wrongly, check, members

@@ -12,7 +12,7 @@ import pytest
 from topdress.console.reports.diagnosis_text import describe_adoption, summarise_terminal
 from topdress.console.reports.notebook import format_notebook_html
 from topdress.control.diagnosis.extend import extend, find_cause_refusal
-from topdress.control.diagnosis.prediction.blocks import (
+from topdress.control.diagnosis.prediction.block_errors import (
     BLOCK_COUNT,
     calc_block_errors,
     calc_errors_by_channel,
@@ -20,12 +20,12 @@ from topdress.control.diagnosis.prediction.blocks import (
     is_surely_positive,
     list_added_numbers,
 )
-from topdress.control.diagnosis.prediction.on_log import LogPredictor
+from topdress.control.diagnosis.prediction.log_prediction import LogPredictor
+from topdress.control.diagnosis.prediction.plain_rival import find_rival
 from topdress.control.diagnosis.prediction.predictive_validation import (
     select_predictive_causes,
     validate_prediction,
 )
-from topdress.control.diagnosis.prediction.rival import find_rival
 from topdress.control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
 from topdress.control.diagnosis.runs.diagnose import diagnose_run, prepare_log
 from topdress.control.machine.machine import Machine, add_effect

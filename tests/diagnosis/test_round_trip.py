@@ -26,15 +26,21 @@ from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stag
 from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, GroupModel
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.compiled import run_term
-from topdress.control.machine.form import ANGLES, FORMS, ScaledVariable, TriedForm, scale_variable
-from topdress.control.machine.forms import LostConstantForm, ProductForm
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, find_size_bounds
 from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.term_form import (
+    ANGLES,
+    FORMS,
+    ScaledVariable,
+    TriedForm,
+    scale_variable,
+)
+from topdress.control.machine.term_forms import LostConstantForm, ProductForm
 from topdress.control.machine.term_sums import sum_over_log
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 Array = npt.NDArray[np.float64]
 ROWS_OF_LOG, STEP_S = 3000, 0.1

@@ -22,7 +22,7 @@ from topdress.control.simulation.assembly import (
     make_plant,
 )
 from topdress.control.simulation.closed_loop import simulate_run
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 from typer.testing import CliRunner
 
 # four times the shipped machine's: its noise is plain in every command

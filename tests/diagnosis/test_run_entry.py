@@ -27,7 +27,7 @@ from topdress.control.diagnosis.runs.selection import Alternatives, RivalEffect
 from topdress.control.diagnosis.runs.smooth import MIN_RANGE
 from topdress.control.machine.machine import CATALOGUE, Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 import topdress
 from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work, taken

@@ -4,8 +4,8 @@ through, nothing is made up."""
 import numpy as np
 import pytest
 from topdress.control.diagnosis.season.effect_timelines import SeasonCause, fit_season
-from topdress.control.diagnosis.season.evidence import QuadraticForm, SeasonLog, stack_logs
-from topdress.control.diagnosis.season.mixed import find_season_causes as causes_found
+from topdress.control.diagnosis.season.log_evidence import QuadraticForm, SeasonLog, stack_logs
+from topdress.control.diagnosis.season.mixed_model import find_season_causes as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")
 GRAM = np.array(

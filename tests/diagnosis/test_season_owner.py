@@ -15,8 +15,8 @@ from topdress.control.diagnosis.season.effect_timelines import (
     _calc_repair_probability,
     is_wearing,
 )
-from topdress.control.diagnosis.season.evidence import LogWork
-from topdress.control.diagnosis.season.mixed import Alternative
+from topdress.control.diagnosis.season.log_evidence import LogWork
+from topdress.control.diagnosis.season.mixed_model import Alternative
 from topdress.control.diagnosis.season.season_cost import (
     LogCostInput,
     find_low_hoppers,

@@ -21,7 +21,7 @@ from topdress.control.diagnosis.runs.diagnose import diagnose_run, judge_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import list_effect_sizes
 from topdress.drivers.files.config import load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 from tests.diagnosis.logs import DRIVE, Columns
 

@@ -13,7 +13,7 @@ from topdress.control.diagnosis.runs.several import JointDiagnosis, diagnose_run
 from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from typer.testing import CliRunner
 
 from tests.diagnosis.logs import Columns, drive, followed, planted_in, speeds, taken

@@ -15,7 +15,7 @@ from topdress.control.diagnosis.runs.log import clean_run_log
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 # of the delay: from gentle driving it is known to some 10 %
 SHARE = 0.2

@@ -19,7 +19,7 @@ from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 FIRST, SECOND = "grid_long", "scatter_long"  # both move shaft and gate over their ranges
 MINUTES = (14.0, 15.0)

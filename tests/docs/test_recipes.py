@@ -90,7 +90,7 @@ import asyncio, subprocess, sys
 from dataclasses import replace
 from tests.app.gallery import Picture, draw
 from tests.app.made_up.run import run_frames
-from topdress.console.app.channels import BY_ID, find_value
+from topdress.console.app.trend_channels import BY_ID, find_value
 from topdress.console.app.panel_views import make_run_view
 from topdress.console.app.units import METRIC
 
@@ -171,7 +171,7 @@ COMPUTED = Recipe(
         ),
         (
             Insertion(
-                "control/loop/row.py",
+                "control/loop/tick_row.py",
                 "        flow_trim=metered.trim,\n",
                 "        flow_kg_min=60.0 * metered.trim,\n",
             ),
@@ -472,8 +472,8 @@ NEW_PAGE = Recipe(
             ),
         ),
         (
-            Insertion("console/app/tablet.py", "    DIAGNOSIS,\n    MAP,", "    CLOCK,\n"),
-            Insertion("console/app/tablet.py", "MAP, TRENDS, REPLAY})", "CLOCK, "),
+            Insertion("console/app/tablet_app.py", "    DIAGNOSIS,\n    MAP,", "    CLOCK,\n"),
+            Insertion("console/app/tablet_app.py", "MAP, TRENDS, REPLAY})", "CLOCK, "),
         ),
         (
             Insertion(

@@ -26,8 +26,8 @@ from topdress.drivers.files.config import (
     load_config,
     make_json_schema,
 )
-from topdress.drivers.files.kinds import CAB_KIND, CONFIG_KINDS
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.config_kinds import CAB_KIND, CONFIG_KINDS
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.machine import make_virtual_cab
 
@@ -163,7 +163,7 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
     from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.options import Options
     from topdress.drivers.files.config import save_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
     cab.write_text(

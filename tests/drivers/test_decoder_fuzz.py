@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix
 from topdress.control.signals import SIGNALS
-from topdress.drivers.devices import probe
+from topdress.drivers.devices import protocol_probe
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder
@@ -25,7 +25,7 @@ from topdress.drivers.devices.capture import (
 from topdress.drivers.devices.decode import DECODER_OF_PROTOCOL, decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.nmea import seal_sentence
-from topdress.drivers.devices.probe import (
+from topdress.drivers.devices.protocol_probe import (
     make_decoders,
     probe_port,
     recognise_either,
@@ -39,9 +39,9 @@ from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.faults import read_at_wrong_baud
 from topdress.drivers.virtual.machine import make_gnss_sentences, make_head_line
+from topdress.drivers.virtual.virtual_devices import make_agopengps_frames
 
 from tests.command import topdress
 
@@ -320,7 +320,7 @@ NO_FIX = b"".join(
 def test_every_shipped_decoder_is_named_in_any_order(first, monkeypatch):
     """Lines of a decoder are called by its name, whichever decoder hears them first."""
     monkeypatch.setattr(
-        probe, "make_decoders", lambda: {first: make_decoders()[first], **make_decoders()}
+        protocol_probe, "make_decoders", lambda: {first: make_decoders()[first], **make_decoders()}
     )
     heard = {
         NAME_OF_CAPTURE.get(name, name.replace("-multi", " (multiplexed)")): clean(name)

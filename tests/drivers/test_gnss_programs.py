@@ -21,9 +21,9 @@ from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import WATCH_COMMAND, GpsdDecoder
 from topdress.drivers.ports import make_memory_pair
-from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.faults import PortFaults
 from topdress.drivers.virtual.gpsd import GpsdServer, VirtualGpsd
+from topdress.drivers.virtual.virtual_devices import make_agopengps_frames
 
 TPV = {
     "class": "TPV",

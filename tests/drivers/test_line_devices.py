@@ -13,7 +13,7 @@ from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.device import LineDevice
-from topdress.drivers.devices.probe import recognise_protocol
+from topdress.drivers.devices.protocol_probe import recognise_protocol
 from topdress.drivers.devices.registry import list_devices, list_line_devices
 from topdress.drivers.ports import make_memory_pair
 

@@ -15,7 +15,7 @@ from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.canopy_heads import find_head_fields
 from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.fix_source import GnssConfig
-from topdress.drivers.files.layers import read_layers
+from topdress.drivers.files.shape_layers import read_layers
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import PortState
 

@@ -26,7 +26,7 @@ from topdress.drivers.ports import (
 )
 from topdress.drivers.virtual.faults import PortFaults, ServedLine
 from topdress.drivers.virtual.machine import VirtualMachine
-from topdress.drivers.virtual.served import ListeningPort
+from topdress.drivers.virtual.served_machine import ListeningPort
 
 from tests.waiting import wait_for
 

@@ -18,7 +18,7 @@ from topdress.drivers.datagrams import (
     make_datagram_pair,
     parse_udp_address,
 )
-from topdress.drivers.devices.probe import recognise_modules
+from topdress.drivers.devices.protocol_probe import recognise_modules
 from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
 from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
@@ -27,7 +27,7 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_target,
 )
 from topdress.drivers.ports import make_memory_pair
-from topdress.drivers.virtual.extras import VirtualRateModule
+from topdress.drivers.virtual.virtual_devices import VirtualRateModule
 
 WITH_BOARD = {"pulses_per_turn": 360.0, "listen": "0.0.0.0"}
 MODULE = WITH_BOARD | {"fixed_opening_mm": 25.0}

@@ -26,7 +26,7 @@ from topdress.drivers.virtual.faults import (
     read_at_wrong_baud,
 )
 from topdress.drivers.virtual.machine import VirtualMachine, make_gnss_sentences, make_virtual_cab
-from topdress.drivers.virtual.served import ListeningPort, ServedMachine, ServeOptions
+from topdress.drivers.virtual.served_machine import ListeningPort, ServedMachine, ServeOptions
 
 from tests.waiting import wait_for
 

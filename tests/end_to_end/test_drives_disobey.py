@@ -13,7 +13,7 @@ from topdress.drivers.files.exports.as_applied import build_as_applied
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.virtual.faults import RUNAWAY_OPENING_MM, RUNAWAY_SHAFT_RPM, DriveRunaway
 
 SHAFT, GATE = DriveRunaway(shaft_rpm=RUNAWAY_SHAFT_RPM), DriveRunaway(opening_mm=RUNAWAY_OPENING_MM)
@@ -226,7 +226,7 @@ def test_what_a_speed_that_is_announced_reaches(benchmark_module, strategy, rate
 @pytest.mark.exam
 def test_strategies_in_the_same_units(benchmark_module):
     m = benchmark_module("manoeuvres")
-    from topdress.control.simulation.figures import count_moves
+    from topdress.control.simulation.strategy_figures import count_moves
 
     setup = m.the_setup()
     found = {}

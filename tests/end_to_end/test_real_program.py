@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from topdress.drivers.files.extras import EXTRAS
+from topdress.drivers.files.optional_packages import EXTRAS
 from topdress.drivers.files.read_log import read_log
 
 ROOT = Path(__file__).parents[2]

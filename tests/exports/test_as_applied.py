@@ -29,12 +29,12 @@ from topdress.drivers.files.exports.as_applied import (
     SpreadProduct,
     build_as_applied,
 )
-from topdress.drivers.files.exports.columns import EXPORT_COLUMNS
+from topdress.drivers.files.exports.export_columns import EXPORT_COLUMNS
 from topdress.drivers.files.exports.export_writer import write_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.control_loop.closed import Closed
 

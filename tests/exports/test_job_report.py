@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.config import load_config
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, build_as_applied
-from topdress.drivers.files.kinds import MACHINE_KIND
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import make_run_meta
@@ -111,7 +111,7 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
 
 
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
-    from topdress.console.reports.job_about import find_job_events, read_job_metadata
+    from topdress.console.reports.job_metadata import find_job_events, read_job_metadata
     from topdress.console.reports.job_page import make_job_page
 
     states = {0: "off", 2: "working", 6: "held", 8: "working"}
@@ -223,7 +223,7 @@ def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
 def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None:
     """What a reader measures on the picture: when work, refills and alarms were, and for how
     long."""
-    from topdress.console.reports.job_about import (
+    from topdress.console.reports.job_metadata import (
         MAX_ALARM_KINDS,
         AlarmSpan,
         JobEvents,

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
-from topdress.control.field.across import describe_width_error, measure_width_error
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Coverage
-from topdress.control.field.totals import Totaliser
+from topdress.control.field.job_totals import Totaliser
+from topdress.control.field.width_error import describe_width_error, measure_width_error
 from topdress.control.geodesy import find_unit_vector, offset_place
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 
 def straight(coverage, start, heading, metres, step_m=0.0625, flowing=True):

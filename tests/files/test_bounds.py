@@ -11,18 +11,28 @@ from typing import Any
 import pytest
 from topdress.control.field.job import Canopy, Job, Simulated, make_rule
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import find_opening_mm
+from topdress.control.metering.inverse_model import find_opening_mm
 from topdress.control.orders import Do, Order
 from topdress.control.simulation.assembly import (
     add_simulated_field,
     make_control_loop,
     make_plant,
 )
-from topdress.control.simulation.canopy import CANOPY_CELL_M, MAX_CANOPY_CELLS, CanopyField
 from topdress.control.simulation.closed_loop import simulate_run
+from topdress.control.simulation.simulated_canopy import (
+    CANOPY_CELL_M,
+    MAX_CANOPY_CELLS,
+    CanopyField,
+)
 from topdress.drivers.files.config import ConfigError, validate_config
-from topdress.drivers.files.kinds import CAB_KIND, CROP_KIND, JOB_KIND, MACHINE_KIND, PRODUCT_KIND
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.config_kinds import (
+    CAB_KIND,
+    CROP_KIND,
+    JOB_KIND,
+    MACHINE_KIND,
+    PRODUCT_KIND,
+)
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.command import topdress
 

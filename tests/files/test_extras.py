@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from topdress.drivers.files import extras
+from topdress.drivers.files import optional_packages
 
 
 @pytest.mark.parametrize(
@@ -30,5 +30,5 @@ def test_each_environment_has_its_installer(
     (tmp_path / made_by).touch()
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setenv("PATH", "")
-    monkeypatch.setattr(extras, "find_spec", lambda _: object() if has_pip else None)
-    assert list(extras.find_installer())[: len(begins)] == begins
+    monkeypatch.setattr(optional_packages, "find_spec", lambda _: object() if has_pip else None)
+    assert list(optional_packages.find_installer())[: len(begins)] == begins

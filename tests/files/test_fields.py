@@ -18,6 +18,7 @@ from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import TargetSource
 from topdress.drivers.files.config import load_config
+from topdress.drivers.files.config_kinds import JOB_KIND
 from topdress.drivers.files.fields.agopengps import (
     read_agopengps,
     read_worked_triangles,
@@ -33,7 +34,6 @@ from topdress.drivers.files.fields.field_data import (
 from topdress.drivers.files.fields.shapes import read_field_shapes
 from topdress.drivers.files.fields.worked_area import read_worked_area
 from topdress.drivers.files.formats.registry import find_writer
-from topdress.drivers.files.kinds import JOB_KIND
 from topdress.drivers.files.read_log import read_log
 
 from tests.geojson import feature, geojson

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from topdress.drivers.files import lock as lock_module
-from topdress.drivers.files.atomic import create_new_file, find_sidecar, write_atomically
-from topdress.drivers.files.lock import is_same_file, take_lock
+from topdress.drivers.files.atomic_files import create_new_file, find_sidecar, write_atomically
+from topdress.drivers.files.process_lock import is_same_file, take_lock
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_a_deleted_log_is_noticed(tmp_path: Path) -> None:
 
 HOLDER = """
 import sys, pathlib
-from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.process_lock import take_lock
 lock = take_lock(pathlib.Path(sys.argv[1]))
 print("held" if lock else "refused", flush=True)
 sys.stdin.read()

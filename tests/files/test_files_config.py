@@ -23,8 +23,8 @@ from topdress.drivers.files.config import (
     save_config,
     validate_config,
 )
-from topdress.drivers.files.kinds import CONFIG_KINDS as OURS
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import CONFIG_KINDS as OURS
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.yaml_text import YamlError, dump_yaml, parse_yaml
 
 Written = Callable[..., Path]

@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, VALID_FOR_S, LogRow
 from topdress.control.readings import Measurements, Reading
-from topdress.drivers.files.atomic import NewFile, create_new_file
+from topdress.drivers.files.atomic_files import NewFile, create_new_file
 from topdress.drivers.files.log_text import (
     LOG_HEADER,
     MAX_CUT_CELL_CHARACTERS,

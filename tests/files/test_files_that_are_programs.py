@@ -340,7 +340,7 @@ def test_what_gdal_reads_we_read(tmp_path: Path, name: str) -> None:
         )
         if name == "a.kml":
             break
-    from topdress.drivers.files.layers import read_layers
+    from topdress.drivers.files.shape_layers import read_layers
 
     for layer in read_layers(tmp_path / name):
         theirs = geopandas.read_file(tmp_path / name, layer=layer.name).to_crs(4326)

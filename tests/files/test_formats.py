@@ -13,11 +13,10 @@ from topdress.console.app.pages.job.keys import EXPORT_FORMATS
 from topdress.console.cli.field import FIELD_KINDS
 from topdress.console.cli.inputs import LOG_KINDS, MAP_FILE_KINDS
 from topdress.console.services.foreign_files import READ_SUFFIXES
-from topdress.console.services.map_refused import MAP_KINDS
+from topdress.console.services.map_refusal import MAP_KINDS
 from topdress.console.services.removable_media import is_map_likely, list_entries
 from topdress.control.targets.prescription import MapData, Zone
 from topdress.drivers.files import limits
-from topdress.drivers.files.extras import is_extra_installed
 from topdress.drivers.files.fields.field_data import FieldData
 from topdress.drivers.files.file_sniffer import FILE_KINDS, sniff_file_kind
 from topdress.drivers.files.formats import registry
@@ -25,6 +24,7 @@ from topdress.drivers.files.formats.file_format import FileFormat
 from topdress.drivers.files.formats.registry import list_able, list_formats, list_kinds
 from topdress.drivers.files.imports.mapping import SourceKind
 from topdress.drivers.files.limits import FILE_LIMITS
+from topdress.drivers.files.optional_packages import is_extra_installed
 from topdress.drivers.files.prescriptions.map_reader import KNOWN_FORMATS, read_prescription
 
 from tests.command import topdress

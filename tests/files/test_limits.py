@@ -23,7 +23,7 @@ import polars as pl
 import pytest
 from topdress.console.worker import resume
 from topdress.console.worker.resume_ground import unpack_raster
-from topdress.control.recordings.places import cut_track_pieces
+from topdress.control.recordings.place_check import cut_track_pieces
 from topdress.control.targets.prescription import calc_rate_shares
 from topdress.drivers.files import limits
 from topdress.drivers.files.bench_table import read_bench_table
@@ -42,7 +42,7 @@ from topdress.drivers.files.log_store import read_log_store
 from topdress.drivers.files.prescriptions.job_targets import read_plant_places
 from topdress.drivers.files.prescriptions.map_reader import read_prescription
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.setup import load_by_kind
+from topdress.drivers.files.run_setup import load_by_kind
 from topdress.drivers.files.sheet_text import check_sheets
 from topdress.drivers.plain_text import join_lines
 
@@ -625,7 +625,7 @@ def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\n{text}\n")
     read = (
-        "from topdress.drivers.files.setup import load_by_kind\n"
+        "from topdress.drivers.files.run_setup import load_by_kind\n"
         "read = lambda path: load_by_kind([str(path)])"
     )
     assert "nested too deeply or too large" in grown(read, path)

@@ -16,8 +16,8 @@ from topdress.control.field.job_names import JobNames
 from topdress.control.machine.product_calibration import apply_product
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND, PRODUCT_KIND
-from topdress.drivers.files.setup import describe_product, load_setup
+from topdress.drivers.files.config_kinds import JOB_KIND, MACHINE_KIND, PRODUCT_KIND
+from topdress.drivers.files.run_setup import describe_product, load_setup
 
 from tests.command import topdress
 
@@ -146,7 +146,7 @@ def test_check_tells_of_the_product(job, tmp_path):
     said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
     with pytest.raises(ConfigError, match="name it in the job file"):
-        from topdress.drivers.files.setup import load_by_kind
+        from topdress.drivers.files.run_setup import load_by_kind
 
         load_by_kind([str(find_shipped_files("products")["can_27"])])
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from topdress.console.app.channels import CHANNELS, RATE_ERROR_ID
+from topdress.console.app.trend_channels import CHANNELS, RATE_ERROR_ID
 from topdress.console.app.units import METRIC, Units
 from topdress.control.log_row import (
     COLUMNS,
@@ -25,7 +25,7 @@ from topdress.control.signals import SIGNALS, VALID_FOR, Signal
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.devices.slave_board import BOARD_READINGS
-from topdress.drivers.files.foreign import LOSSES
+from topdress.drivers.files.foreign_logs import LOSSES
 
 ROOT = Path(__file__).parents[2]
 # Least number of columns in a literal that makes it a list of columns.
@@ -34,7 +34,7 @@ LEAST_NAMES = 4
 NO_LISTS = {
     "console/services/fleet_job.py": {"_hash_measurements": "what makes a run the same"},
     "console/cli/import_log.py": {"_find_full_values": "full values of the drives"},
-    "drivers/files/imports/physics.py": {"find_speed_unit": "arguments by their columns"},
+    "drivers/files/imports/physical_checks.py": {"find_speed_unit": "arguments by their columns"},
     "drivers/files/exports/as_applied.py": {"_select_worked_rows": "parts of a moved log"},
     "control/simulation/plant.py": {"_calc_terms": "the plant's own values"},
     "control/experiments/manoeuvres.py": {"_predict_log": "a predicted log"},
@@ -58,7 +58,7 @@ NO_LISTS = {
     "control/safety/alarm_conditions.py": {"CONDITIONS": "details of alarms"},
     "control/simulation/closed_loop.py": {"RECORDED_COLUMNS": "what a simulated run records"},
     "drivers/devices/board_frames.py": {"STATUS_RANGES": "ranges of a status frame's fields"},
-    "drivers/files/exports/columns.py": {"EXPORT_COLUMNS": "public columns of an export"},
+    "drivers/files/exports/export_columns.py": {"EXPORT_COLUMNS": "public columns of an export"},
     "drivers/files/file_content.py": {"_LOG_COLUMNS": "columns that no other kind of file has"},
     "drivers/files/imports/column_vocabulary.py": {"COLUMN_SUBJECTS": "needs several words"},
     "drivers/files/imports/guess_result.py": {"COMMAND_PAIRS": "which command is of which reading"},
@@ -69,7 +69,7 @@ NO_LISTS = {
         "_format_truth": "columns of a simulation's truth",
         "TRUTH_COLUMNS": "columns of a simulation's truth",
     },
-    "console/reports/variables.py": {
+    "console/reports/variable_names.py": {
         "RUN_VARIABLES": "variables that are no column, or another one than that of their name",
         "TABLE_VARIABLES": "columns of bench tables",
     },
@@ -185,7 +185,7 @@ def test_number_of_a_sensor_is_measured_simulated_and_logged(name: str) -> None:
 
 def test_row_of_a_tick_has_every_number() -> None:
     """What no sensor reads is computed."""
-    tree = ast.parse((ROOT / "control" / "loop" / "row.py").read_text(encoding="utf-8"))
+    tree = ast.parse((ROOT / "control" / "loop" / "tick_row.py").read_text(encoding="utf-8"))
     (row,) = (
         node
         for node in ast.walk(tree)

@@ -18,8 +18,8 @@ from click.testing import Result
 from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.drivers.files.any_log import open_any_log, read_with_mapping
 from topdress.drivers.files.imports.convert import convert_table
-from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import write_imported_log
+from topdress.drivers.files.imports.log_join import join_files
 from topdress.drivers.files.imports.units import KNOWN_UNITS
 from topdress.drivers.files.read_log import RunLog, read_log
 

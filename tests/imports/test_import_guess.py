@@ -12,7 +12,7 @@ import yaml
 from click.testing import Result
 from topdress.drivers.files.columns import make_text_column
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.foreign import rename_log_header
+from topdress.drivers.files.foreign_logs import rename_log_header
 from topdress.drivers.files.imports.column_vocabulary import (
     find_rate_role,
     find_subject,
@@ -21,10 +21,10 @@ from topdress.drivers.files.imports.column_vocabulary import (
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.guess import guess_import_file
 from topdress.drivers.files.imports.guess_columns import _read_values
-from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import IMPORT_KIND, Source
-from topdress.drivers.files.imports.physics import find_answer
-from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.physical_checks import find_answer
+from topdress.drivers.files.imports.raw_table import RawTable
+from topdress.drivers.files.imports.table_header import split_unit_name
 from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.read_log import read_log

@@ -15,7 +15,7 @@ import openpyxl
 import polars as pl
 import pytest
 from click.testing import Result
-from topdress.console.services.logs import RunLogs
+from topdress.console.services.run_logs import RunLogs
 from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import load_config
@@ -28,11 +28,11 @@ from topdress.drivers.files.exports.time_log import (
 )
 from topdress.drivers.files.file_sniffer import has_worked_points
 from topdress.drivers.files.imports.convert import convert_table
-from topdress.drivers.files.imports.devices import NumberMeaning
+from topdress.drivers.files.imports.device_description import NumberMeaning
 from topdress.drivers.files.imports.guess import guess_import_file
 from topdress.drivers.files.imports.import_errors import LogImportError
-from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import build_log_columns
+from topdress.drivers.files.imports.log_join import join_files
 from topdress.drivers.files.imports.mapping import IMPORT_KIND, Source
 from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.imports.time_logs import (
@@ -411,7 +411,7 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.models.ddi_entities import DDEntity
     from isoxml.util.isoxml_io import isoxml_from_path
-    from topdress.drivers.files.imports.devices import DATA_DICTIONARY
+    from topdress.drivers.files.imports.device_description import DATA_DICTIONARY
     from topdress.drivers.files.imports.task_log import find_task_logs
     from topdress.drivers.files.imports.units import find_named_unit
 

@@ -19,7 +19,7 @@ from topdress.control.diagnosis.result import (
     SourceSummary,
     TermFound,
 )
-from topdress.control.experiments.levels import list_opening_levels, list_shaft_levels
+from topdress.control.experiments.setting_levels import list_opening_levels, list_shaft_levels
 from topdress.control.machine import compiled, stage_runner
 from topdress.control.machine.effect import FULL_FLOW, SHAFT_RANGE
 from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
@@ -44,7 +44,7 @@ from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_s
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 # On the nominal machine: lowest and highest size, unit. Public.
 OF_HUANGHAI = {

@@ -12,12 +12,12 @@ from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.machine.compiled import run_shaft
 from topdress.control.machine.compiled_tick import CompiledDrives
-from topdress.control.machine.elements import convert_to_lists
 from topdress.control.machine.fall import Fall, find_paper_lag_s, find_start_drop_s
 from topdress.control.machine.flow import Flow, FlowInput, make_flow_start, step_flow
 from topdress.control.machine.gate import Gate, GateInput, make_gate_start, step_gate
 from topdress.control.machine.landing import bin_landings
 from topdress.control.machine.machine import Machine, add_effect
+from topdress.control.machine.model_elements import convert_to_lists
 from topdress.control.machine.shaft import (
     Shaft,
     ShaftInput,
@@ -29,12 +29,12 @@ from topdress.control.machine.shaft import (
     step_shaft,
 )
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
-from topdress.control.machine.start import calc_response_s
+from topdress.control.machine.start_lag import calc_response_s
 from topdress.control.machine.term_step import TermState, step_term
 from topdress.control.machine.terms import Term, make_term_params
-from topdress.control.metering.inverse import find_shaft_command
+from topdress.control.metering.inverse_model import find_shaft_command
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 STEP_S = 0.001
 

@@ -44,7 +44,7 @@ from topdress.control.machine.stage_runner import (
     make_no_switch,
     make_stage_run,
 )
-from topdress.control.machine.start import find_first_fall_s, set_carried_share
+from topdress.control.machine.start_lag import find_first_fall_s, set_carried_share
 
 N = 3000
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from topdress.control.machine.compiled import run_term
-from topdress.control.machine.form import (
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_form import (
     ANGLES,
     FORMS,
     FormSeries,
@@ -19,8 +20,7 @@ from topdress.control.machine.form import (
     TriedForm,
     scale_variable,
 )
-from topdress.control.machine.forms import Form, LostConstantForm, ProductForm
-from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_forms import Form, LostConstantForm, ProductForm
 from topdress.control.machine.term_step import TermState, make_term_run, step_term
 from topdress.control.machine.term_sums import (
     NO_TERMS,
@@ -32,7 +32,7 @@ from topdress.control.machine.term_sums import (
 )
 from topdress.control.machine.terms import Term, list_needed_values, make_term_params, parse_term
 from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 TEXTS = {
     Form.SLOPE: "flow_percent slope roll_deg slope=2.5 at=0.3 valid=-2:2",

@@ -14,10 +14,9 @@ from topdress.control.agronomy.crop import Crop
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.landing import calc_carried_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import calc_response_s, find_first_fall_s, find_start_lag_s
+from topdress.control.machine.start_lag import calc_response_s, find_first_fall_s, find_start_lag_s
 from topdress.control.papers import published
-from topdress.control.papers.claims_lag import list_lag_claims
-from topdress.control.papers.correction import (
+from topdress.control.papers.correction_experiment import (
     IN_PHASE,
     INTERPRETATIONS,
     ONCE_A_SECOND,
@@ -26,7 +25,7 @@ from topdress.control.papers.correction import (
     fit_field_rival,
     simulate_misses,
 )
-from topdress.control.papers.decision import (
+from topdress.control.papers.decision_paper import (
     compare_forward_targets,
     make_nitrogen_table,
     simulate_sampling,
@@ -36,23 +35,32 @@ from topdress.control.papers.decision_paper_claims import (
     list_grain_nitrogen,
     make_yield_table,
 )
-from topdress.control.papers.elements import DECISION, LAG, NO, PAPER_ELEMENTS, PARTLY, POINT, YES
-from topdress.control.papers.experiments import compare_speed_and_delay, make_experiment_tables
-from topdress.control.papers.lag import make_eq3_table, refit_lag_line
+from topdress.control.papers.lag_experiments import compare_speed_and_delay, make_experiment_tables
+from topdress.control.papers.lag_paper import make_eq3_table, refit_lag_line
+from topdress.control.papers.lag_paper_claims import list_lag_claims
 from topdress.control.papers.map_geometry import (
     count_agreeing_cells,
     find_paper_cell,
     make_boundary_table,
 )
 from topdress.control.papers.page import Claim, ResultOrigin, Table, make_claim_table
-from topdress.control.papers.points import (
+from topdress.control.papers.paper_elements import (
+    DECISION,
+    LAG,
+    NO,
+    PAPER_ELEMENTS,
+    PARTLY,
+    POINT,
+    YES,
+)
+from topdress.control.papers.point_paper import (
     list_points_claims,
     make_delay_table,
     make_microstep_table,
 )
-from topdress.control.targets.point import calc_point_lag
+from topdress.control.targets.point_mode import calc_point_lag
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP_KIND
+from topdress.drivers.files.config_kinds import CROP_KIND
 
 from tests.command import topdress
 from tests.places import PAPERS
@@ -330,7 +338,7 @@ def test_the_point_papers_delays_and_shaft_speeds() -> None:
 
 def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from topdress.console.cli import reproduce
-    from topdress.control.papers.lag import make_lag_section
+    from topdress.control.papers.lag_paper import make_lag_section
 
     monkeypatch.setattr(reproduce, "run_papers", lambda seed: [make_lag_section(Machine())])
     told = topdress("reproduce", "--out", tmp_path / "r")

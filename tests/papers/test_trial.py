@@ -14,13 +14,18 @@ import pytest
 from scipy.stats import ttest_ind
 from topdress.control.geodesy import TangentPlane
 from topdress.control.papers import published
-from topdress.control.papers.trial import (
+from topdress.control.papers.field_trial import (
     FieldTrial,
     TrialPlot,
     choose_plot_frequency,
     make_trial_section,
 )
-from topdress.drivers.files.trial import TrialError, read_trial, read_trial_plots, read_weights
+from topdress.drivers.files.trial_plots import (
+    TrialError,
+    read_trial,
+    read_trial_plots,
+    read_weights,
+)
 
 from tests.command import topdress
 from tests.geojson import feature, geojson

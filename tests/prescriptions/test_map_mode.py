@@ -40,7 +40,7 @@ from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, 
 from topdress.drivers.files.config import find_shipped_files
 from topdress.drivers.files.prescriptions.job_targets import read_job_map, read_job_plants
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress

@@ -239,9 +239,9 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
 
 def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
 
-    from topdress.control.agronomy.noa import decide_rate_kg_ha
+    from topdress.control.agronomy.nitrogen_rate import decide_rate_kg_ha
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import CROP_KIND
+    from topdress.drivers.files.config_kinds import CROP_KIND
 
     zones = tuple(zone._replace(rate_kg_ha=0.30 + 0.04 * k) for k, zone in enumerate(plan().zones))
     write_prescription(MapData(zones, None), tmp_path / "a.geojson")

@@ -16,7 +16,7 @@ from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Camera, Job, Plants, Wanted
-from topdress.control.field.totals import NO_SUMS
+from topdress.control.field.job_totals import NO_SUMS
 from topdress.control.geodesy import TangentPlane, find_unit_vector
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.readings import CameraPlant, DoseOrder
@@ -30,8 +30,8 @@ from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.dose_watch import DoseErrors, DoseWatch
 from topdress.control.simulation.point_run import PointTruth, simulate_point_run
 from topdress.control.targets.plant_doser import CommandedDose, DueDose, PlantDoser
-from topdress.control.targets.plants import PlantList, PlantRow, TrackedPlant
-from topdress.control.targets.point import (
+from topdress.control.targets.plant_places import PlantList, PlantRow, TrackedPlant
+from topdress.control.targets.point_mode import (
     DoseThreshold,
     PointMode,
     ThresholdLearning,
@@ -40,7 +40,7 @@ from topdress.control.targets.point import (
 )
 from topdress.drivers.files.prescriptions.job_targets import read_loop_targets
 from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 from tests.command import topdress
 

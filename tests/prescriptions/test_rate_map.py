@@ -26,8 +26,8 @@ from topdress.control.targets.prescription import (
     calc_rate_shares,
     project_prescription,
 )
-from topdress.control.targets.profile import Target, TargetChange
 from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, make_frame_m
+from topdress.control.targets.target_profile import Target, TargetChange
 
 STEP_M = 0.02
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.reports.binned import (
+from topdress.console.reports.binned_means import (
     ResidualAxis,
     calc_binned_means,
     calc_binned_rates,
@@ -18,7 +18,7 @@ from topdress.console.reports.binned import (
 )
 from topdress.console.reports.chart import ChartPanel, ChartSheet
 from topdress.console.reports.diagnosis_wording import describe_unexplained
-from topdress.console.reports.numbers import (
+from topdress.console.reports.number_text import (
     MINUS_SIGN,
     format_duration,
     format_number,

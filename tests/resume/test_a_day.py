@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.app.coverage_raster import CELL_SIZES_M, MAX_TILES
-from topdress.console.app.history import MAX_TREND_POINTS, LiveHistory
+from topdress.console.app.frame_history import MAX_TREND_POINTS, LiveHistory
 from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_ground import MAX_TRACK_PLACES, WorkedGroundRecord
 from topdress.console.worker.resume_keeper import SnapshotKeeper
-from topdress.control.diagnosis.live.watch import (
+from topdress.control.diagnosis.live.growing_log_check import (
     DIAGNOSIS_INTERVAL_S,
     MAX_STORED_ROWS,
     MAX_STRETCH_S,

@@ -14,10 +14,10 @@ from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_field import find_jobs_here, move_snapshot
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Ground, Job
-from topdress.control.field.totals import Totaliser, TotalSums
+from topdress.control.field.job_totals import Totaliser, TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB_KIND
+from topdress.drivers.files.config_kinds import JOB_KIND
 
 NOW = dt.datetime.now(dt.UTC)
 HOME = 34.28, 119.88

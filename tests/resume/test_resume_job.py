@@ -32,7 +32,7 @@ from topdress.console.worker.resume_tail import add_log_tail
 from topdress.control.agronomy.reference_strips import ReferenceStrips
 from topdress.control.field.coverage import Coverage, Raster
 from topdress.control.field.job import make_rule
-from topdress.control.field.totals import Totaliser, TotalSums
+from topdress.control.field.job_totals import Totaliser, TotalSums
 from topdress.control.log_row import LogRow
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
@@ -40,7 +40,7 @@ from topdress.control.orders import Alarm, Do, Order, Severity
 from topdress.drivers.files.plain_data import build_from_plain, convert_to_plain
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_meta import parse_meta_yaml
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 
 
 class PowerCut(BaseException):

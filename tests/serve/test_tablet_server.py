@@ -17,7 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from topdress.console.app.tablet import MAX_KEY_WAIT_S, TabletKey
+from topdress.console.app.tablet_app import MAX_KEY_WAIT_S, TabletKey
 from topdress.console.cli import serve as serve_command
 from topdress.console.cli import tablet
 from topdress.console.cli.plain_errors import CommandError
@@ -34,7 +34,7 @@ from topdress.console.cli.tablet import (
 from topdress.console.link import Link
 from topdress.console.running import WorkerAddress, WorkerFailed, start_worker
 from topdress.control.orders import Answer, Do, Order
-from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.process_lock import take_lock
 from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")

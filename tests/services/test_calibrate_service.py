@@ -12,7 +12,7 @@ from topdress.console.app.pages.calibrate.wheel_drive import WheelSample
 from topdress.console.services.calibrate import make_calibrate_service
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import MACHINE_KIND
+from topdress.drivers.files.config_kinds import MACHINE_KIND
 
 from tests.places import PAPERS
 

@@ -36,8 +36,8 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import JOB_KIND, MACHINE_KIND
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.config_kinds import JOB_KIND, MACHINE_KIND
+from topdress.drivers.files.run_setup import load_setup
 
 from tests.app.made_up.diagnosis import having, sample_found
 

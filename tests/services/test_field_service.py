@@ -19,7 +19,7 @@ from topdress.control.simulation.assembly import add_simulated_field
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
-from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.files.run_setup import Setup, load_setup
 
 
 def write(path: Path, setup: Setup, rows: int = 300, boundary: bool = True) -> Path:

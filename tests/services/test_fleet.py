@@ -25,7 +25,7 @@ from topdress.console.reports.fleet_page import (
     list_service_steps,
     make_fleet_page,
 )
-from topdress.console.reports.numbers import format_fixed
+from topdress.console.reports.number_text import format_fixed
 from topdress.console.services import fleet
 from topdress.console.services.fleet_job import (
     FORMAT,
@@ -38,7 +38,7 @@ from topdress.console.services.fleet_metadata import apply_list_row, match_rows
 from topdress.console.services.fleet_season import make_season
 from topdress.console.services.fleet_tables import TABLE_COLUMNS, write_tables
 from topdress.control.diagnosis.season.effect_timelines import SeasonCause, SeasonFit
-from topdress.control.diagnosis.season.evidence import collect_log_evidence
+from topdress.control.diagnosis.season.log_evidence import collect_log_evidence
 from topdress.control.diagnosis.season.season_cost import rank_machines_by_cost
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock

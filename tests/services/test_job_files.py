@@ -27,12 +27,12 @@ from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Job
 from topdress.control.field.job_names import JobNames
-from topdress.control.field.totals import TotalSums
+from topdress.control.field.job_totals import TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import MapData, Zone
 from topdress.drivers.files.config import find_shipped_files, load_config, save_config
-from topdress.drivers.files.kinds import JOB_KIND
+from topdress.drivers.files.config_kinds import JOB_KIND
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 

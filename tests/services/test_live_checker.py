@@ -18,10 +18,10 @@ import pytest
 from topdress.console.services import live_check
 from topdress.console.services.live_check import follow_log
 from topdress.console.services.live_checker import LiveChecker
-from topdress.control.diagnosis.live import watch
+from topdress.control.diagnosis.live import growing_log_check
 from topdress.control.diagnosis.result import Departure
 from topdress.drivers.files.growing_log import GrowingLog
-from topdress.drivers.files.imports import text
+from topdress.drivers.files.imports import text_table
 from topdress.drivers.files.log_store import write_log_store
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
@@ -104,11 +104,11 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Depart
     """Looks that find nothing, or at a time what a function says of it; they cost nothing."""
 
     def find(found: Callable[[float], Departure | None]) -> None:
-        def look(self: watch.LiveCheck) -> Departure | None:
+        def look(self: growing_log_check.LiveCheck) -> Departure | None:
             self._looked_s = self.now_s
             return found(self.now_s)
 
-        monkeypatch.setattr(watch.LiveCheck, "check_rows", look)
+        monkeypatch.setattr(growing_log_check.LiveCheck, "check_rows", look)
 
     find(lambda now_s: None)
     return find
@@ -273,13 +273,13 @@ def test_of_a_foreign_log_only_the_new_lines_are_brought_in(
 ) -> None:
     """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at
     each look."""
-    read_bytes, before = [0], text.read_text_table
+    read_bytes, before = [0], text_table.read_text_table
 
     def counted(where: Path, said: Any) -> Any:
         read_bytes[0] += where.stat().st_size
         return before(where, said)
 
-    monkeypatch.setattr(text, "read_text_table", counted)
+    monkeypatch.setattr(text_table, "read_text_table", counted)
     path.write_text(FOREIGN_HEAD)
     growing, found = GrowingLog(path), list[float]()
     assert growing.read_new_rows() is None  # a header alone: it is waited for rows

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from topdress.console.app.camera import PixelGrid
-from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.map_camera import PixelGrid
 from topdress.console.app.map_image import GroundPixels
+from topdress.console.app.map_layers import MapLayer, find_colour_scale
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
-from topdress.console.services.layers import StoredOverlayFiles, find_frame_plane
+from topdress.console.services.overlay_files import StoredOverlayFiles, find_frame_plane
 from topdress.console.services.replay_frames import make_frames
 from topdress.control.geodesy import TangentPlane, offset_place
 from topdress.control.log_row import LogRow

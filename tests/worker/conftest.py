@@ -16,7 +16,7 @@ import pytest
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerAddress, start_worker
 from topdress.console.worker.loop_host import Host
-from topdress.console.worker.run_parts import RunAssembly, RunNames
+from topdress.console.worker.run_interfaces import RunAssembly, RunNames
 
 FAKE = Path(__file__).with_name("fake_worker.py")
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 from topdress.console.worker.options import Options
 from topdress.console.worker.program import Clock, run_worker_program
-from topdress.console.worker.run_parts import RunAssembly, RunNames
+from topdress.console.worker.run_interfaces import RunAssembly, RunNames
 from topdress.control.agronomy.reference_strips import ReferenceStrips
-from topdress.control.field.totals import Totaliser, Totals
+from topdress.control.field.job_totals import Totaliser, Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Do, Order, SectionState, Severity
 from topdress.control.readings import (

@@ -13,7 +13,7 @@ import sys
 import textwrap
 
 import pytest
-from topdress.console.attached import (
+from topdress.console.attached_consoles import (
     MAX_NAME_CHARACTERS,
     AttachedConsole,
     ExecutedOrder,

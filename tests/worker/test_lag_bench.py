@@ -10,7 +10,7 @@ import pytest
 from topdress.console.cli.lag_rig import LagOperator
 from topdress.console.worker.loop_host import Host
 from topdress.console.worker.requests import ClientQuestion
-from topdress.console.worker.run_parts import RunAssembly, RunNames
+from topdress.console.worker.run_interfaces import RunAssembly, RunNames
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated
@@ -24,7 +24,7 @@ from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.lag_run import LagTestPlan
 from topdress.drivers.files.bench_table import read_bench_table
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.run_setup import load_setup
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.lag_rig import VirtualLagRig
 from topdress.drivers.virtual.machine import VirtualMachine

@@ -19,11 +19,11 @@ from topdress.console.worker import run_file, wire_format
 from topdress.console.worker.limits import MOVING_FRAME_PERIOD_S, STANDING_FRAME_PERIOD_S
 from topdress.console.worker.link_server import FrameSchedule
 from topdress.control.agronomy.reference_strips import ReferenceStrips
-from topdress.control.field.totals import Totals
+from topdress.control.field.job_totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Severity
 from topdress.control.safety import Allowances, BenchRun
-from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.process_lock import take_lock
 
 
 def test_a_frame_comes_back_as_it_was():

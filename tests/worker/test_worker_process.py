@@ -30,7 +30,7 @@ from topdress.console.worker.limits import (
     MAX_VIEWING_CLIENTS,
 )
 from topdress.control.orders import Answer, Do, Order
-from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.process_lock import take_lock
 
 from tests.waiting import until
 

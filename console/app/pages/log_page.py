@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from topdress.console.app import frame_words
-from topdress.console.app.camera import MapCamera, unite_boxes
 from topdress.console.app.coverage_raster import GroundBox, WorkedGround
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.history import TREND_SPAN_S, LogHistory, TrendPoint, sample_points
-from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
+from topdress.console.app.frame_history import TREND_SPAN_S, LogHistory, TrendPoint, sample_points
+from topdress.console.app.map_camera import MapCamera, unite_boxes
 from topdress.console.app.map_ink import MapView
+from topdress.console.app.map_layers import LayerScale, MapLayer, find_colour_scale
 from topdress.console.app.overlay_file import OverlayFile, OverlayView
 from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.panel_views import MAX_FRESH_AGE_S, RunView, make_alarms_view
-from topdress.console.app.series import TrendSeries
+from topdress.console.app.trend_series import TrendSeries
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 

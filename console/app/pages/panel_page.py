@@ -6,9 +6,9 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
-from topdress.console.app.camera import MapCamera, fit_box
-from topdress.console.app.history import TREND_SPAN_S, TrendPoint
-from topdress.console.app.layers import MapLayer
+from topdress.console.app.frame_history import TREND_SPAN_S, TrendPoint
+from topdress.console.app.map_camera import MapCamera, fit_box
+from topdress.console.app.map_layers import MapLayer
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.panel_views import (
     MAX_FRESH_AGE_S,

@@ -10,7 +10,7 @@ from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.camera import PixelGrid
+from topdress.console.app.map_camera import PixelGrid
 from topdress.console.app.map_image import Codes
 from topdress.console.app.map_ink import MapInk, MapView, make_cell_codes
 from topdress.console.app.terminal import has_few_colours

@@ -9,7 +9,6 @@ from rich.color import Color
 from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
-from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.map_ink import (
     ERROR_LEVEL_SIGNS,
     PLAN_LEVEL_SIGNS,
@@ -17,6 +16,7 @@ from topdress.console.app.map_ink import (
     find_rgb,
     mix_colours,
 )
+from topdress.console.app.map_layers import RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import Unit
 from topdress.console.app.widgets.canvas import Canvas

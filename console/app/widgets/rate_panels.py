@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
+from topdress.console.app.block_digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.panel_views import ERROR_BAR_END_SHARE, RatesView, TileView
 from topdress.console.app.widgets.base_panel import (
     Panel,

@@ -13,13 +13,13 @@ from textual import events
 from textual.message import Message
 from textual.strip import Strip
 from topdress.console.app.braille import BLANK_BRAILLE_CODE, CELL_DOT_BITS, CellDots, trace_values
-from topdress.console.app.history import TREND_SPAN_S, TrendPoint
+from topdress.console.app.frame_history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.panel_views import format_duration
 from topdress.console.app.units import Unit
 from topdress.console.app.widgets.base_panel import align_text_right
 from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.colour_scale import round_calm_ends
 from topdress.console.locale import _
-from topdress.console.scale import round_calm_ends
 
 # Columns for the numbers of the vertical axis.
 _AXIS_LABEL_CELLS = 6

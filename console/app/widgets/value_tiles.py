@@ -11,8 +11,8 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.content import Content
 from textual.strip import Strip
+from topdress.console.app.block_digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.braille import BLANK_BRAILLE_CODE, trace_values
-from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
 from topdress.console.app.panel_views import HeadsView, HeadView, TileView
 from topdress.console.app.widgets.base_panel import (
     Panel,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from math import erf, exp, inf, log, log1p, pi, sqrt
 
-from topdress.control.machine.forms import Form
+from topdress.control.machine.term_forms import Form
 from topdress.control.machine.terms import TermTarget
 
 # Posterior probability from which a cause is named.

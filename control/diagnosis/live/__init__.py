@@ -2,6 +2,6 @@
 
 Files:
 
-- `rolling`: Sequential test for effects that started within the last minutes
-- `watch`: Checks a growing log every half minute
+- `growing_log_check`: Checks a growing log every half minute
+- `sequential_test`: Sequential test for effects that started within the last minutes
 """

@@ -40,7 +40,7 @@ from topdress.control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, list_effect_sizes
 from topdress.control.machine.terms import Term
 
-from .blocks import (
+from .block_errors import (
     BlockErrors,
     average_by_block,
     calc_block_errors,
@@ -49,9 +49,9 @@ from .blocks import (
     is_surely_positive,
     list_added_numbers,
 )
-from .on_log import LogPredictor
-from .rival import CHANNEL_STAGES, MAX_REFIT_STEPS, find_rival, fit_machine_file
-from .rival import PlainRival as PlainRival
+from .log_prediction import LogPredictor
+from .plain_rival import CHANNEL_STAGES, MAX_REFIT_STEPS, find_rival, fit_machine_file
+from .plain_rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from topdress.control.diagnosis.effects import EFFECT_ROWS, FoundBy
 from topdress.control.diagnosis.extend import extend, find_cause_refusal
-from topdress.control.diagnosis.prediction.on_log import LogPredictor
+from topdress.control.diagnosis.prediction.log_prediction import LogPredictor
 from topdress.control.diagnosis.prediction.predictive_validation import (
     NO_GAIN_TEXT,
     Adoptable,

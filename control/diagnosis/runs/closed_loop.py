@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.field.job import Job
 from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.machine import Machine

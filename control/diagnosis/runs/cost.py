@@ -6,13 +6,17 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.cost import COSTS_OUTSIDE_MODEL, OperatingPoint, calc_rate_error
+from topdress.control.diagnosis.effect_cost import (
+    COSTS_OUTSIDE_MODEL,
+    OperatingPoint,
+    calc_rate_error,
+)
 from topdress.control.diagnosis.effects import EFFECT_ROWS, CostKind, LogRequirement
 from topdress.control.diagnosis.result import FieldCost
-from topdress.control.experiments.levels import USUAL_SPEED_MPS
+from topdress.control.experiments.setting_levels import USUAL_SPEED_MPS
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
-from topdress.control.recordings.speeds import MOVING_MPS
+from topdress.control.recordings.speed_unit import MOVING_MPS
 
 from .channels import SEAM_S, select_speed_rows, simulate_drive_rows
 from .drives import Drive

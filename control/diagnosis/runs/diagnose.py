@@ -23,12 +23,12 @@ from topdress.control.diagnosis.dataframe_input import (
     name_frame_library,
     read_columns,
 )
-from topdress.control.diagnosis.prediction.on_log import LogPredictor
+from topdress.control.diagnosis.prediction.log_prediction import LogPredictor
+from topdress.control.diagnosis.prediction.plain_rival import find_curves
 from topdress.control.diagnosis.prediction.predictive_validation import validate_prediction
-from topdress.control.diagnosis.prediction.rival import find_curves
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.machine.machine import Machine
-from topdress.control.recordings.values import blank_unreadable
+from topdress.control.recordings.valid_values import blank_unreadable
 
 from .channels import ChannelSeries, make_channels, remove_narrowband
 from .findings import (

@@ -17,7 +17,9 @@ import numpy.typing as npt
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.judgement.noise import calc_coefficients
 from topdress.control.machine.compiled import run_term
-from topdress.control.machine.form import (
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.term_form import (
     FORMS,
     SHAFT_ANGLE,
     FormSeries,
@@ -25,9 +27,7 @@ from topdress.control.machine.form import (
     TriedForm,
     scale_variable,
 )
-from topdress.control.machine.forms import LostConstantForm, ProductForm
-from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.term_forms import LostConstantForm, ProductForm
 from topdress.control.machine.terms import (
     COMMANDED_RPM,
     TARGET_STAGES,

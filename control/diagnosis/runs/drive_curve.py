@@ -3,7 +3,7 @@
 A gain error compensates a dead zone over most of the range, and a saturation removes the excess at
 the top. Each effect alone fits little, and a greedy selection of three does not find the best
 three. Frequency and damping of an oscillation must be started together as well. The curves are
-those of the plain rival (`prediction/rival.py`), fitted by least squares over all rows. The
+those of the plain rival (`prediction/plain_rival.py`), fitted by least squares over all rows. The
 judgement then refits the curves and compares the result with its own stepwise result.
 """
 

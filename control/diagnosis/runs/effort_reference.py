@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-from topdress.control.calibration.adopt import make_record, make_title, merge_records
+from topdress.control.calibration.calibration_record import make_record, make_title, merge_records
 from topdress.control.calibration.least_squares import FittedInterval, fit_linear
 from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.machine.compiled import run_flutes

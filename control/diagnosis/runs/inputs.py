@@ -9,15 +9,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.machine.effect import SHAFT_RANGE
-from topdress.control.machine.form import SHAFT_ANGLE
 from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.term_form import SHAFT_ANGLE
 from topdress.control.machine.term_sums import (
     average_commands_over_log,
     calc_angle_over_log,
     calc_dead_times_s,
 )
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
-from topdress.control.recordings.times import GAP_STEPS
+from topdress.control.recordings.row_times import GAP_STEPS
 
 from .grid import bridge_gaps, hold_last_value, smooth_input
 from .log import CleanLog

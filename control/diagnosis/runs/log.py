@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, EFFORT_COLUMNS
 from topdress.control.orders import State
+from topdress.control.recordings.column_repair import mend_recording
 from topdress.control.recordings.finding import Finding
-from topdress.control.recordings.mended import mend_recording
-from topdress.control.recordings.speeds import MOVING_MPS
-from topdress.control.recordings.times import LONG_STEP_S
-from topdress.control.recordings.values import (
+from topdress.control.recordings.row_times import LONG_STEP_S
+from topdress.control.recordings.speed_unit import MOVING_MPS
+from topdress.control.recordings.valid_values import (
     UNLIMITED,
     blank_held_readings,
     blank_outliers,

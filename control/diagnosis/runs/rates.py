@@ -27,7 +27,7 @@ from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.result import RateFit, Size
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import State
-from topdress.control.recordings.speeds import MOVING_MPS
+from topdress.control.recordings.speed_unit import MOVING_MPS
 
 Array = npt.NDArray[np.float64]
 

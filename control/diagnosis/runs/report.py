@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
-from topdress.control.diagnosis.cost import calc_consequence
+from topdress.control.diagnosis.effect_cost import calc_consequence
 from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     EFFECT_ROWS,

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from topdress.control.diagnosis import effects
 from topdress.control.machine.compiled import run_table
 from topdress.control.machine.effect import HOPPER_CAPACITY, OPENING_RANGE, SHAFT_RANGE
-from topdress.control.machine.elements import Table
 from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.model_elements import Table
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, make_hopper_channel

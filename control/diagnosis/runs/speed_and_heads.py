@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import convolve1d, uniform_filter1d
 from topdress.control.diagnosis.judgement.prior import FAULT_PROB
 from topdress.control.machine.machine import Machine
-from topdress.control.recordings.speeds import MOVING_MPS
+from topdress.control.recordings.speed_unit import MOVING_MPS
 
 from .grid import SMOOTH_S, Grid, choose_row_windows, make_grid
 from .inputs import LogRows

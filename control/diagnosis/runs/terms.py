@@ -34,8 +34,8 @@ from topdress.control.diagnosis.judgement.evidence import (
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import Noise, calc_coefficients, make_series
 from topdress.control.machine.compiled import run_term
-from topdress.control.machine.form import TriedForm
-from topdress.control.machine.forms import (
+from topdress.control.machine.term_form import TriedForm
+from topdress.control.machine.term_forms import (
     SPAN_POSITION_COUNT,
     LostConstantForm,
     PeriodicForm,

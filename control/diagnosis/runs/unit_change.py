@@ -20,7 +20,7 @@ from topdress.control.diagnosis.judgement.prior import (
     WRONG_UNIT_PROB,
     calc_log_prior_odds,
 )
-from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
+from topdress.control.recordings.speed_unit import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from topdress.control.signals import SIGNALS
 
 Array = npt.NDArray[np.float64]

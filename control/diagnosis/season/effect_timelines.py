@@ -1,7 +1,7 @@
 """Reports a season: the course of each effect on each machine, the effects of other levels, and
 every level with its interval.
 
-`mixed.py` fits the model; this module converts its terms to sizes, pieces and changes in an
+`mixed_model.py` fits the model; this module converts its terms to sizes, pieces and changes in an
 effect's own units.
 """
 
@@ -16,9 +16,9 @@ from scipy.special import expit, ndtr
 from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.judgement.gaussian import Array
 
-from .changes import NEIGHBOUR_GAPS, CoursePartition, LogStretch
-from .evidence import SeasonLog, stack_logs
-from .mixed import (
+from .change_points import NEIGHBOUR_GAPS, CoursePartition, LogStretch
+from .log_evidence import SeasonLog, stack_logs
+from .mixed_model import (
     Alternative,
     FactorLevels,
     Season,

@@ -11,8 +11,8 @@ import numpy as np
 from topdress.control.diagnosis.judgement.gaussian import Array
 
 from .effect_timelines import SeasonCause, SeasonFit
-from .evidence import LogWork
-from .mixed import FLEET_FACTOR, MACHINE_FACTOR, Alternative
+from .log_evidence import LogWork
+from .mixed_model import FLEET_FACTOR, MACHINE_FACTOR, Alternative
 
 # Maximum p value for an operator whose hopper runs low more often than by chance.
 MAX_LOW_HOPPER_P_VALUE = 1e-3

@@ -3,17 +3,17 @@ statistics.
 
 Files:
 
-- `candidates`: Lists the components of a model of bench tables
-- `clock`: Detects times that are quantised by a detector with a coarse clock (lag.coarse_clock)
+- `candidate_effects`: Lists the components of a model of bench tables
+- `coarse_clock`: Detects times that are quantised by a detector with a coarse clock
 - `cross_calibration`: Compares two tables, or two labels of a table
 - `diagnose`: Diagnoses bench tables: shows errors, names their causes, lists alternatives
 - `duplicate_rows`: Removes measurements that a second table repeats
-- `gain`: Measures the held-out gain of the named causes
-- `noise`: Estimates the noise of one measured column
+- `held_out_gain`: Measures the held-out gain of the named causes
 - `problem`: Joins all pieces of a diagnosis
 - `report`: Writes the result of a diagnosis of bench tables
-- `rows`: Converts bench tables to pieces, a section for each kind of table
 - `search`: Finds the probable models of bench tables
+- `table_noise`: Estimates the noise of one measured column
+- `table_rows`: Converts bench tables to pieces, a section for each kind of table
 - `table_series`: Defines one measured column of a bench table with the machine model's prediction
 - `verdict`: Decides the verdict on bench tables from the probabilities of the models
 """

@@ -17,10 +17,10 @@ from scipy.special import fdtrc, stdtrit
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.machine.fall import find_start_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import calc_response_s
-from topdress.control.recordings.speeds import KMH_PER_MPS
+from topdress.control.machine.start_lag import calc_response_s
+from topdress.control.recordings.speed_unit import KMH_PER_MPS
 
-from .rows import UNCORRECTED_LABEL, list_labels
+from .table_rows import UNCORRECTED_LABEL, list_labels
 from .table_series import Array, BoolArray, sort_best_first
 
 # Minimum number of shaft speeds that both tables have.

@@ -11,7 +11,7 @@ from topdress.control.diagnosis.result import Diagnosis, SourceSummary
 from topdress.control.machine.machine import Machine
 
 from .duplicate_rows import remove_duplicates
-from .gain import calc_held_out_gain, list_detectable_sizes, list_effects_not_shown
+from .held_out_gain import calc_held_out_gain, list_detectable_sizes, list_effects_not_shown
 from .problem import make_problem
 from .report import (
     find_next_run,
@@ -21,8 +21,8 @@ from .report import (
     list_findings,
     plan_rate_change,
 )
-from .rows import make_table_pieces
 from .search import search_table_models
+from .table_rows import make_table_pieces
 from .verdict import judge_table_search
 
 Progress = Callable[[float, str], None]

@@ -21,7 +21,7 @@ from topdress.control.calibration.bench_table import (
     select_rows,
 )
 from topdress.control.machine.machine import Machine
-from topdress.control.recordings.speeds import KMH_PER_MPS
+from topdress.control.recordings.speed_unit import KMH_PER_MPS
 
 from .cross_calibration import (
     MIN_SHARED_SPEEDS,
@@ -30,8 +30,8 @@ from .cross_calibration import (
     describe_pair,
     list_lag_series,
 )
-from .noise import find_quantum
-from .rows import list_labels
+from .table_noise import find_quantum
+from .table_rows import list_labels
 from .table_series import BoolArray
 
 # Maximum last digit as a share of a value: coarser values agree by chance.

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
-from .clock import MIN_SCATTER_IN_STEPS, CoarseClock, find_clock_step, find_rounding_sd
-from .noise import (
+from .coarse_clock import MIN_SCATTER_IN_STEPS, CoarseClock, find_clock_step, find_rounding_sd
+from .table_noise import (
     TableNoise,
     estimate_table_noise,
     find_quantum,

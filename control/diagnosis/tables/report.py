@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.calibration.bench_table import LAG_COLUMNS, BenchTable
-from topdress.control.diagnosis.cost import (
+from topdress.control.diagnosis.effect_cost import (
     COSTS_OUTSIDE_MODEL,
     OperatingPoint,
     calc_consequence,
@@ -40,17 +40,17 @@ from topdress.control.diagnosis.result import (
 )
 from topdress.control.experiments.bench_tests import list_bench_tests, make_two_rates_test
 from topdress.control.experiments.experiment import Experiment, choose_experiments
-from topdress.control.experiments.levels import USUAL_SPEED_MPS
+from topdress.control.experiments.setting_levels import USUAL_SPEED_MPS
 from topdress.control.machine.fall import find_start_drop_s
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, find_size_bounds
-from topdress.control.machine.start import calc_response_s
+from topdress.control.machine.start_lag import calc_response_s
 
-from .clock import CoarseClock
+from .coarse_clock import CoarseClock
 from .cross_calibration import compare_lag_series
 from .duplicate_rows import DuplicateRows, describe_duplicates
-from .gain import list_label_contrasts
-from .noise import MAX_ROBUST_SD, MAX_UNEQUAL_VARIANCE_P_VALUE
+from .held_out_gain import list_label_contrasts
 from .problem import TableProblem
+from .table_noise import MAX_ROBUST_SD, MAX_UNEQUAL_VARIANCE_P_VALUE
 from .table_series import Array, BoolArray, MeasuredSeries, SizedEffect, TableCandidate, add_effects
 from .verdict import NamedEffect, TableVerdict
 

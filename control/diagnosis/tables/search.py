@@ -29,7 +29,7 @@ from topdress.control.diagnosis.judgement.rows import (
     mix_posteriors,
 )
 
-from .candidates import TableEffect, UnknownDependence, find_effects, list_unknowns
+from .candidate_effects import TableEffect, UnknownDependence, find_effects, list_unknowns
 from .problem import TableProblem
 from .table_series import Array, BoolArray, IntArray, SizedEffect, sort_best_first
 

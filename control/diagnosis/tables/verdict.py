@@ -19,7 +19,7 @@ import numpy as np
 from topdress.control.diagnosis.judgement.prior import MIN_LISTED_PROB, MIN_NAMED_PROB
 from topdress.control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
-from .gain import MIN_ROWS
+from .held_out_gain import MIN_ROWS
 from .search import FittedModel, TableSearch
 from .table_series import SizedEffect, TableCandidate
 

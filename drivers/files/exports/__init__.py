@@ -4,7 +4,7 @@ CSV? `write_as_applied` chooses the format.
 Files:
 
 - `as_applied`: Which rate was applied at which place?
-- `columns`: Which columns do the flat exports (CSV, GeoJSON, shapefile) have?
+- `export_columns`: Which columns do the flat exports (CSV, GeoJSON, shapefile) have?
 - `export_writer`: How is an as-applied export written in the format of the path's suffix?
 - `farm_record`: Which passes does a farm record contain, one CSV line each
 - `isoxml`: How is applied work written as an ISO 11783-10 task?

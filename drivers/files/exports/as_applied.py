@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import prepare_rule
-from topdress.control.field.across import WidthError, measure_width_error
+from topdress.control.agronomy.nitrogen_rate import prepare_rule
 from topdress.control.field.coverage import Coverage, CoveredArea
-from topdress.control.field.totals import MaterialArrival, Totaliser, Totals
+from topdress.control.field.job_totals import MaterialArrival, Totaliser, Totals
+from topdress.control.field.width_error import WidthError, measure_width_error
 from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.log_row import HEAD_COLUMNS
 from topdress.control.loop.effort_watch import make_effort_input
@@ -25,7 +25,7 @@ from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.landing import calc_fall_times_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves, SectionStrip
-from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.inverse_model import Conditions
 from topdress.control.orders import State, TargetSource
 from topdress.drivers.files.exports.released_while_stopped import (
     MIN_TURNING_SHAFT_RPM,

@@ -12,9 +12,9 @@ from typing import Any
 
 import shapefile
 import shapely
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.exports.as_applied import AsApplied, ExportError
-from topdress.drivers.files.exports.columns import (
+from topdress.drivers.files.exports.export_columns import (
     EXPORT_COLUMNS,
     TIME_SHORT_NAME,
     iter_export_records,

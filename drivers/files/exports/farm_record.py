@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.exports.as_applied import AsApplied
 from topdress.drivers.files.farm_lines import RECORD_COLUMNS, read_record_rows
 

@@ -18,7 +18,7 @@ import shapely
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers import day_clock
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.fields.field_data import (
     MAX_HEADLAND_WIDTH_DIFFERENCE_M,
     FieldData,

@@ -14,11 +14,11 @@ import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.fields.field_data import FieldData, FieldError, FieldLine
 from topdress.drivers.files.fields.task_fields import read_task_layers
-from topdress.drivers.files.layers import Layer, find_shape_name, read_layers
 from topdress.drivers.files.ogr import DRIVER_OF_ENDING, write_layer
+from topdress.drivers.files.shape_layers import Layer, find_shape_name, read_layers
 
 # Share of a polygon's area within another polygon from which it counts as a hole, because drawn
 # edges overlap a little.

@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.fields.field_data import FieldError
-from topdress.drivers.files.layers import Layer
 from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
 from topdress.drivers.files.prescriptions.task_files import TaskSet, find_task_sets, read_task_tree
+from topdress.drivers.files.shape_layers import Layer
 
 # Types of polygons (PLN) of a field (PFD) of ISO 11783-10.
 OUTLINE_TYPE, OBSTACLE_TYPES, HEADLAND_TYPE = "1", ("3", "4", "5", "6"), "10"

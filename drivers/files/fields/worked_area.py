@@ -14,7 +14,7 @@ from topdress.drivers.files.fields.agopengps import read_worked_triangles
 from topdress.drivers.files.fields.field_data import FieldError
 from topdress.drivers.files.fields.shapes import read_named_shapes
 from topdress.drivers.files.file_sniffer import sniff_file_kind
-from topdress.drivers.files.outlines import check_outlines
+from topdress.drivers.files.outline_overlaps import check_outlines
 
 # AgOpenGPS's file of worked ground, compared in small letters.
 SECTIONS_FILE = "sections.txt"

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from topdress.drivers.files.exports.as_applied import AsApplied
     from topdress.drivers.files.fields.field_data import FieldData
     from topdress.drivers.files.imports.mapping import Source, SourceKind
-    from topdress.drivers.files.imports.raw import RawTable
-    from topdress.drivers.files.layers import Layer
+    from topdress.drivers.files.imports.raw_table import RawTable
     from topdress.drivers.files.prescriptions.map_choices import ImportedMap, RateChoice
+    from topdress.drivers.files.shape_layers import Layer
 
 # The first element of an XML file.
 _ROOT_TAG = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")

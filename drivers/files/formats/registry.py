@@ -18,7 +18,7 @@ PLUGIN_FORMAT = FileFormat(
     endings=(),
     rank=99,
     read_map=defer("prescriptions.shapes", "read_map_layers"),
-    read_layers=defer("layers", "read_plugin_layers"),
+    read_layers=defer("shape_layers", "read_plugin_layers"),
 )
 
 

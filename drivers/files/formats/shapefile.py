@@ -19,7 +19,7 @@ FORMATS = (
         is_content=lambda path, head: head.startswith(b"\0\0\x27\x0a"),
         read_map=defer("prescriptions.map_reader", "read_packed_map"),
         read_layers=defer("shape_sets", "read_shape_layers"),
-        read_table=defer("imports.points", "read_point_shapefile"),
+        read_table=defer("imports.point_tables", "read_point_shapefile"),
         write_map=defer("prescriptions.map_writer", "write_map_shapefile"),
         write_export=defer("exports.export_writer", "write_export_shapefile"),
     ),

@@ -88,7 +88,7 @@ TEXT = FileFormat(
     source_kind="text",
     is_map_likely=is_map_table,
     read_map=defer("prescriptions.map_reader", "read_table_map"),
-    read_table=defer("imports.text", "read_text_table"),
+    read_table=defer("imports.text_table", "read_text_table"),
     write_export=defer("exports.export_writer", "write_export_csv"),
     make_example=lambda path: path.write_text(EXAMPLE_TABLE),
 )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from topdress.control.log_row import COMMANDS_HELD_EVENT, TEXT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.finding import Finding, many
-from topdress.control.recordings.times import mend_times
+from topdress.control.recordings.row_times import mend_times
 from topdress.drivers.files.columns import (
     Columns,
     calc_median,
@@ -25,7 +25,7 @@ from topdress.drivers.files.columns import (
     select_rows,
 )
 from topdress.drivers.files.config_words import suggest_nearest
-from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.cell_numbers import ParsedNumbers, parse_number_column
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import (
     EVENTS_COLUMN,
@@ -35,9 +35,13 @@ from topdress.drivers.files.imports.mapping import (
     ImportFile,
     Working,
 )
-from topdress.drivers.files.imports.numbers import ParsedNumbers, parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.times import convert_to_texts, read_row_times, read_time_texts
+from topdress.drivers.files.imports.raw_table import RawTable
+from topdress.drivers.files.imports.table_header import split_unit_name
+from topdress.drivers.files.imports.time_cells import (
+    convert_to_texts,
+    read_row_times,
+    read_time_texts,
+)
 from topdress.drivers.files.imports.units import (
     convert_to_log_unit,
     find_named_unit,

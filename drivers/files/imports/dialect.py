@@ -9,9 +9,13 @@ import csv
 import re
 from typing import NamedTuple
 
-from topdress.drivers.files.imports.header import TableLayout, find_table_layout, is_value_cell
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Delimiter, Source
+from topdress.drivers.files.imports.table_header import (
+    TableLayout,
+    find_table_layout,
+    is_value_cell,
+)
 
 # Number of lines at the beginning that are examined.
 SAMPLE_LINES = 300

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import TIME_TYPE, make_text_column
 from topdress.drivers.files.imports.dialect import SAMPLE_LINES
-from topdress.drivers.files.imports.header import TableLayout, find_table_layout
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.raw import RawTable, split_header
+from topdress.drivers.files.imports.raw_table import RawTable, split_header
+from topdress.drivers.files.imports.table_header import TableLayout, find_table_layout
 from topdress.drivers.files.sheet_text import format_cell, read_sheets
 
 # Smallest number of rows of a log; a shorter table next to a longer table holds notes.

@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, PLAUSIBLE_RANGES
-from topdress.control.recordings.speeds import identify_unit
+from topdress.control.recordings.speed_unit import identify_unit
 from topdress.drivers.files.columns import (
     calc_median,
     count_differences,
@@ -19,7 +19,8 @@ from topdress.drivers.files.columns import (
     is_text_column,
     select_rows,
 )
-from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports import physical_checks
+from topdress.drivers.files.imports.cell_numbers import parse_number_column
 from topdress.drivers.files.imports.column_vocabulary import (
     AMBIGUOUS_SWITCH_WORDS,
     QUANTITY_WORDS,
@@ -45,12 +46,11 @@ from topdress.drivers.files.imports.guess_result import (
     ImportGuess,
 )
 from topdress.drivers.files.imports.guess_time import guess_times
-from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.imports.mapping import Column, ImportFile, Working
-from topdress.drivers.files.imports.numbers import parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.text import NO_HEADER_ID
+from topdress.drivers.files.imports.raw_table import RawTable
+from topdress.drivers.files.imports.table_header import split_unit_name
+from topdress.drivers.files.imports.text_table import NO_HEADER_ID
 from topdress.drivers.files.imports.units import find_named_unit, find_quantity
 
 # Number of rows that are converted to test a guess.
@@ -161,7 +161,7 @@ def _check_speed_units(
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
         if name not in columns:
             continue
-        unit, ratio = physics.find_speed_unit(
+        unit, ratio = physical_checks.find_speed_unit(
             time_s, columns["lat_deg"], columns["lon_deg"], columns[name]
         )
         # NaN means that the machine did not move.
@@ -200,7 +200,7 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
     positions."""
     key = ("columns", name)
     # A ratio between two known units is reported as a doubt, never rounded.
-    fits = identify_unit(ratio, physics.SPEED_FACTORS)
+    fits = identify_unit(ratio, physical_checks.SPEED_FACTORS)
     if fits is None:
         out.doubts.append(
             ImportDoubt(
@@ -250,14 +250,14 @@ def _check_commands(
             bare = not has_any_word(fold_column_name(one.source), QUANTITY_WORDS)
             _scale_command(
                 command,
-                physics.calc_answer_slope(columns[command], columns[reading]),
+                physical_checks.calc_answer_slope(columns[command], columns[reading]),
                 bare,
                 float(np.nanmax(np.abs(columns[command]))),
                 out,
             )
         # A reading follows its command later; the lag distinguishes both.
-        found = physics.find_answer(columns[command], columns[reading])
-        if found is not None and found.strength >= physics.MIN_CORRELATION:
+        found = physical_checks.find_answer(columns[command], columns[reading])
+        if found is not None and found.strength >= physical_checks.MIN_CORRELATION:
             # A rate may precede its target where the look-ahead is set too long.
             if found.lag < 0 and command in DRIVE_COMMANDS:
                 out.doubts.append(
@@ -275,7 +275,9 @@ def _check_commands(
                     "reading",
                 )
         # In a table of settings every row has its own command, so no lag can be found.
-        elif command in DRIVE_COMMANDS and physics.is_settings_table(time_s, columns[command]):
+        elif command in DRIVE_COMMANDS and physical_checks.is_settings_table(
+            time_s, columns[command]
+        ):
             apart_s = float(np.median(np.diff(time_s)))
             _take_answer_in_row(
                 out,

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, EFFORT_COLUMNS, PLAUSIBLE_RANGES, TEXT_COLUMNS
-from topdress.control.recordings.speeds import IMPLAUSIBLE_MPS, MOVING_MPS
+from topdress.control.recordings.speed_unit import IMPLAUSIBLE_MPS, MOVING_MPS
 from topdress.drivers.files.columns import is_time_column
-from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports import physical_checks
+from topdress.drivers.files.imports.cell_numbers import parse_number_column
 from topdress.drivers.files.imports.column_vocabulary import (
     COMMAND_WORDS,
     PLAIN_READING_WORDS,
@@ -30,10 +31,9 @@ from topdress.drivers.files.imports.guess_result import (
     ImportGuess,
     ImportKey,
 )
-from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import UNMAPPED_COLUMNS, Column
-from topdress.drivers.files.imports.numbers import parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.raw_table import RawTable
+from topdress.drivers.files.imports.table_header import split_unit_name
 from topdress.drivers.files.imports.units import (
     ColumnUnit,
     find_column_unit,
@@ -215,8 +215,12 @@ def _assign_roles(candidates: list[ColumnCandidate]) -> None:
             one.target == command or (one.target == reading and one.role) for one in candidates
         ):
             continue
-        found = physics.find_answer(alike[0].values, alike[1].values)
-        if found is not None and found.lag != 0 and found.strength > physics.MIN_CORRELATION:
+        found = physical_checks.find_answer(alike[0].values, alike[1].values)
+        if (
+            found is not None
+            and found.lag != 0
+            and found.strength > physical_checks.MIN_CORRELATION
+        ):
             first = alike[0] if found.lag > 0 else alike[1]
             first.target, first.role = command, "by physics"
 
@@ -509,7 +513,7 @@ def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[floa
     low, high = PLAUSIBLE_RANGES.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
     return (
-        tuple(physics.find_sentinels(one.values, (low / factor, high / factor)))
+        tuple(physical_checks.find_sentinels(one.values, (low / factor, high / factor)))
         if one.values.size
         else ()
     )
@@ -522,7 +526,7 @@ def find_extra_columns(raw: RawTable, used: Iterable[str | None]) -> dict[str, C
     for source in raw.names:
         if source in set(used) or is_time_column(raw.columns[source]):
             continue
-        marks = physics.find_sentinels(_read_values(raw, source), (-np.inf, np.inf))
+        marks = physical_checks.find_sentinels(_read_values(raw, source), (-np.inf, np.inf))
         name = make_extra_name(source, raw.units.get(source))
         if marks and name not in columns:
             columns[name] = Column.from_source(source, missing=tuple(marks))

@@ -15,6 +15,7 @@ from topdress.drivers.files.columns import (
     is_time_column,
     select_known,
 )
+from topdress.drivers.files.imports.cell_numbers import parse_number_column
 from topdress.drivers.files.imports.column_vocabulary import (
     COMMAND_WORDS,
     DATE_WORDS,
@@ -26,12 +27,15 @@ from topdress.drivers.files.imports.column_vocabulary import (
     fold_column_name,
     has_any_word,
 )
-from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import CountedTimeUnit, Times
-from topdress.drivers.files.imports.numbers import parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.times import format_for_time, join_day_texts, read_time_texts
+from topdress.drivers.files.imports.raw_table import RawTable
+from topdress.drivers.files.imports.table_header import split_unit_name
+from topdress.drivers.files.imports.time_cells import (
+    format_for_time,
+    join_day_texts,
+    read_time_texts,
+)
 from topdress.drivers.files.imports.units import find_named_unit
 
 # Formats of dates, the usual formats first; of formats that fit equally the first is chosen.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
-from topdress.drivers.files.atomic import find_sidecar, write_atomically
+from topdress.drivers.files.atomic_files import find_sidecar, write_atomically
 from topdress.drivers.files.columns import (
     TIME_TYPE,
     Columns,
@@ -25,7 +25,7 @@ from topdress.drivers.files.columns import (
 )
 from topdress.drivers.files.config import calc_sha256
 from topdress.drivers.files.imports.convert import TIME_US_COLUMN, UTC_US_COLUMN
-from topdress.drivers.files.imports.join import JoinedFiles
+from topdress.drivers.files.imports.log_join import JoinedFiles
 from topdress.drivers.files.imports.mapping import ImportFile
 from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store
 from topdress.drivers.files.plain_data import convert_to_plain

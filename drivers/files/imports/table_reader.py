@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.drivers.files.archives import has_time_log, open_archive
 from topdress.drivers.files.columns import TIME_TYPE, is_text_column, make_text_column
-from topdress.drivers.files.extras import require_extras
 from topdress.drivers.files.formats.registry import find_format, list_able
 from topdress.drivers.files.imports.column_vocabulary import find_subject, fold_column_name
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source, SourceKind
-from topdress.drivers.files.imports.raw import RawTable, find_units_in
-from topdress.drivers.files.imports.text import read_text_table
+from topdress.drivers.files.imports.raw_table import RawTable, find_units_in
+from topdress.drivers.files.imports.text_table import read_text_table
 from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.optional_packages import require_extras
 from topdress.drivers.files.parquet_limits import check_parquet, check_text_bytes
 from topdress.drivers.files.prescriptions.column_words import (
     MAX_UNIT_TEXTS,

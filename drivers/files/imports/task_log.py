@@ -15,7 +15,7 @@ from topdress.control.log_row import LOG_BEGINS
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers import day_clock
 from topdress.drivers.files.columns import Columns, count_rows, make_text_column, stack_tables
-from topdress.drivers.files.imports.devices import (
+from topdress.drivers.files.imports.device_description import (
     DeviceElement,
     NumberMeaning,
     find_width_m,
@@ -23,7 +23,7 @@ from topdress.drivers.files.imports.devices import (
 )
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Source
-from topdress.drivers.files.imports.raw import RawTable, make_unique
+from topdress.drivers.files.imports.raw_table import RawTable, make_unique
 from topdress.drivers.files.imports.time_logs import (
     UTC_COLUMN,
     LoggedValue,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.columns import TIME_TYPE, Columns, count_rows
 from topdress.drivers.files.exports.time_log import FIRST_DAY_UTC
-from topdress.drivers.files.imports.devices import (
+from topdress.drivers.files.imports.device_description import (
     DeviceElement,
     NumberMeaning,
     find_contradiction,

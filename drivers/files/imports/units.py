@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
-from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
+from topdress.control.recordings.speed_unit import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from topdress.drivers.files.prescriptions.map_choices import (
     MASS_UNITS,
     NITROGEN_UNITS,

@@ -16,7 +16,7 @@ from topdress.drivers.files.imports.column_vocabulary import (
     fold_column_name,
     has_any_word,
 )
-from topdress.drivers.files.imports.header import EMPTY_CELLS, split_unit_name
+from topdress.drivers.files.imports.table_header import EMPTY_CELLS, split_unit_name
 from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.stated_units import ANY_COLUMN, StatedUnit, StatedUnits, is_unit_name
 

@@ -12,7 +12,7 @@ import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.dialect import find_encoding
-from topdress.drivers.files.imports.header import is_unit_row
+from topdress.drivers.files.imports.table_header import is_unit_row
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.prescriptions.features import (
     Feature,

@@ -19,6 +19,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.columns import list_known_or_none
+from topdress.drivers.files.imports.cell_numbers import parse_number_column
 from topdress.drivers.files.imports.column_vocabulary import (
     find_subject,
     fold_column_name,
@@ -27,8 +28,7 @@ from topdress.drivers.files.imports.column_vocabulary import (
 )
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.numbers import parse_number_column
-from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.raw_table import RawTable
 from topdress.drivers.files.imports.table_reader import read_raw_table
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.map_choices import (

@@ -18,7 +18,7 @@ from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_check import MapCheck, check_map
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.plant_doser import OTHER_PLANT_DISTANCE_M, DoseError
-from topdress.control.targets.plants import PlantList
+from topdress.control.targets.plant_places import PlantList
 from topdress.control.targets.prescription import MapData, project_prescription, project_rates
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import list_opened_files
@@ -142,7 +142,7 @@ def _read_csv_rows(
 
 def _read_geojson_points(path: Path) -> list[tuple[float, ...]]:
     # This import is local, because most jobs name no plants.
-    from topdress.drivers.files.layers import read_geojson
+    from topdress.drivers.files.shape_layers import read_geojson
 
     points = read_geojson(path, ["Point"]).shapes
     # Points of this program have the latitude first.

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from topdress.control.agronomy.noa import CropRule
+from topdress.control.agronomy.nitrogen_rate import CropRule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merge_zones
 from topdress.drivers.files.archives import choose_names, open_archive
@@ -15,7 +15,7 @@ from topdress.drivers.files.file_sniffer import has_worked_points
 from topdress.drivers.files.formats.registry import describe_able, find_format
 from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.outlines import check_zones
+from topdress.drivers.files.outline_overlaps import check_zones
 from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
     NoPolygonsError,

@@ -19,7 +19,7 @@ from topdress.control.targets.prescription import (
     separate_zones,
 )
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.formats.registry import describe_endings, find_writer
 from topdress.drivers.files.prescriptions.map_choices import PrescriptionError
 from topdress.drivers.files.prescriptions.shapes import TOPDRESS_MEMBER

@@ -13,9 +13,8 @@ import numpy as np
 from topdress.control.geodesy import SEMI_MAJOR_M
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.extras import format_extra_line
-from topdress.drivers.files.layers import find_projection
 from topdress.drivers.files.limits import RASTER_CELLS_LIMIT, check_limit
+from topdress.drivers.files.optional_packages import format_extra_line
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.map_choices import (
     ImportedMap,
@@ -24,6 +23,7 @@ from topdress.drivers.files.prescriptions.map_choices import (
     RateChoice,
 )
 from topdress.drivers.files.prescriptions.map_projection import Projection
+from topdress.drivers.files.shape_layers import find_projection
 from topdress.drivers.files.stated_units import StatedUnit, find_json_units, merge_units
 from topdress.drivers.plain_text import PlaceInFile
 

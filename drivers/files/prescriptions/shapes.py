@@ -13,13 +13,6 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.import_errors import format_list
-from topdress.drivers.files.layers import (
-    Layer,
-    drop_kml_attributes,
-    find_shape_name,
-    read_geojson,
-    read_layers,
-)
 from topdress.drivers.files.ogr import write_layer
 from topdress.drivers.files.prescriptions.features import (
     Feature,
@@ -33,6 +26,13 @@ from topdress.drivers.files.prescriptions.map_choices import (
     RateChoice,
     RateQuestion,
     check_rate_kg_ha,
+)
+from topdress.drivers.files.shape_layers import (
+    Layer,
+    drop_kml_attributes,
+    find_shape_name,
+    read_geojson,
+    read_layers,
 )
 from topdress.drivers.plain_text import PlaceInFile
 

@@ -22,7 +22,7 @@ from topdress.drivers.files.archives import (
     find_parent_folder,
     open_archive,
 )
-from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic_files import write_atomically
 from topdress.drivers.files.limits import REFERENCES_LIMIT, XML_LIMIT, check_limit
 from topdress.drivers.files.prescriptions.map_choices import PrescriptionError, RateQuestion
 from topdress.drivers.files.run_meta import find_software_version

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
+from topdress.console.app.frame_source import FrameSource
 from topdress.console.app.pages.job.service import (
     FileChoice,
     IsCancelled,
@@ -23,14 +24,13 @@ from topdress.console.app.pages.job.service import (
     Progress,
     RecentSet,
 )
-from topdress.console.app.source import FrameSource
 from topdress.control.agronomy.reference_strips import StripMean
 from topdress.control.field.job import make_rule
 from topdress.control.machine.machine import Adopted
 from topdress.control.targets.map_check import MapCheck
 from topdress.drivers.files.config import load_config
-from topdress.drivers.files.kinds import CROP_KIND
-from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.config_kinds import CROP_KIND
+from topdress.drivers.files.run_setup import load_setup
 
 NOMINAL = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 DURUM = load_config("osu_durum_2006", CROP_KIND).model  # which has nothing to be warned of

@@ -10,13 +10,13 @@ from random import Random
 import numpy as np
 from topdress.console.app.coverage_raster import OutletSpot, WorkedGround
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
-from topdress.console.app.layers import MapLayer
+from topdress.console.app.map_layers import MapLayer
 from topdress.console.app.overlay_file import OverlayFile
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
 from topdress.console.frame import DeviceView, Frame, JobCounts
-from topdress.control.field.totals import Totaliser
+from topdress.control.field.job_totals import Totaliser
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Severity
 from topdress.control.readings import EffortFinding

@@ -18,7 +18,7 @@ from topdress.console.reports.diagnosis_wording import (
     is_headline,
     name_channel,
 )
-from topdress.console.reports.numbers import format_number, use_plain_minus
+from topdress.console.reports.number_text import format_number, use_plain_minus
 from topdress.control.diagnosis.result import Cause
 
 # Words for the kinds of data.

@@ -171,7 +171,7 @@ def _ask_next_cause(
         find_effect_title,
         list_rivals,
     )
-    from topdress.console.reports.numbers import format_percent
+    from topdress.console.reports.number_text import format_percent
 
     cause, rest = open_[0], open_[1:]
     # A rival has no estimated size, so a machine file cannot contain it.

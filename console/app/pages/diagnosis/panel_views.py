@@ -12,8 +12,8 @@ from topdress.console.app.pages.diagnosis.verdict import VerdictTexts
 from topdress.console.app.units import Units
 from topdress.console.locale import _, find_language_code
 from topdress.console.reports import diagnosis_wording as sentences
-from topdress.console.reports.numbers import format_percent
-from topdress.console.reports.variables import find_variable
+from topdress.console.reports.number_text import format_percent
+from topdress.console.reports.variable_names import find_variable
 from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
 # More lines would push the table of channels off the panel.

@@ -2,8 +2,8 @@
 
 Files:
 
-- `check_list`: Draws the list of checks before work
 - `checklist`: Words the Job screen: checks before work, totals, refills
+- `checklist_panel`: Draws the list of checks before work
 - `keys`: Defines the keys of the Job page and their functions
 - `map_dialog`: Shows a prescription map before the job uses it
 - `map_words`: Words the check of a job's map before work

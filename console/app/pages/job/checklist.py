@@ -29,7 +29,7 @@ from topdress.control.agronomy.reference_strips import (
     calc_measured_index,
     find_index_doubt,
 )
-from topdress.control.field.totals import Totals
+from topdress.control.field.job_totals import Totals
 from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES
 from topdress.drivers.devices.registry import list_devices
 

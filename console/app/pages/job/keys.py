@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec
 from topdress.console.app.action import JOB, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from topdress.console.app.first_question import start_from_any_page
+from topdress.console.app.impossible_reasons import explain_no_start, explain_not_ready
 from topdress.console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
@@ -19,7 +20,6 @@ from topdress.console.app.pages.job.checklist import (
 )
 from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
 from topdress.console.app.pages.job.strip_measurement import MIN_STRIP_M, StripRun
-from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.reference_strips import StripMean

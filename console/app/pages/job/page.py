@@ -13,16 +13,10 @@ from textual.containers import Container, Vertical
 from textual.worker import Worker, get_current_worker
 from topdress.console.app.action import JOB, make_bindings
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm
+from topdress.console.app.impossible_reasons import explain_no_start, explain_not_ready
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.base_page import Page
-from topdress.console.app.pages.job.check_list import (
-    CheckList,
-    JobNote,
-    JobNotes,
-    NotesView,
-    count_check_rows,
-)
 from topdress.console.app.pages.job.checklist import (
     STRIP_RUNS,
     find_file_name,
@@ -30,6 +24,13 @@ from topdress.console.app.pages.job.checklist import (
     list_checks,
     list_refills,
     make_total_items,
+)
+from topdress.console.app.pages.job.checklist_panel import (
+    CheckList,
+    JobNote,
+    JobNotes,
+    NotesView,
+    count_check_rows,
 )
 from topdress.console.app.pages.job.keys import ACTIONS
 from topdress.console.app.pages.job.map_dialog import (
@@ -52,7 +53,6 @@ from topdress.console.app.pages.job.service import (
 )
 from topdress.console.app.pages.job.strip_measurement import FieldMean, StripRun, find_heads_index
 from topdress.console.app.panel_views import RunView
-from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.typed_number import format_with_unit, round_inwards
 from topdress.console.app.widgets.action_chips import ActionChip, Chips
 from topdress.console.app.widgets.labelled_values import Items

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.source import FrameSource
+from topdress.console.app.frame_source import FrameSource
 from topdress.console.locale import N_
 from topdress.console.worker.resume_alarms import AlarmRecord
 from topdress.control.agronomy.reference_strips import StripMean
@@ -18,7 +18,7 @@ from topdress.control.field.job_names import JobNames as JobNames
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
     from topdress.control.targets.map_check import MapCheck
-    from topdress.drivers.files.setup import Setup
+    from topdress.drivers.files.run_setup import Setup
 
 # Stages of an export, for its progress.
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")

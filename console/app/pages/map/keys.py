@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from topdress.console.app import layers
+from topdress.console.app import map_layers
 from topdress.console.app.action import MAP, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.guide_line_store import make_line_record
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def show_next_layer(page: MapScreen) -> None:
     """Show the next layer."""
-    page.shown_layer = layers.find_next_layer(page.shown_layer)
+    page.shown_layer = map_layers.find_next_layer(page.shown_layer)
 
 
 def show_whole_field(page: MapScreen) -> None:

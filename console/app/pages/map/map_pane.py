@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.layers import LAYER_LABELS, MapLayer
+from topdress.console.app.map_layers import LAYER_LABELS, MapLayer
 from topdress.console.app.pages.map.place_reading import PlaceReading
 from topdress.console.app.widgets.base_panel import (
     Panel,

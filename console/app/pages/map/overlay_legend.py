@@ -16,12 +16,12 @@ from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len
 from textual.strip import Strip
-from topdress.console.app.layers import LAYER_LABELS, LayerScale, MapLayer
 from topdress.console.app.map_ink import (
     ERROR_LEVEL_SIGNS,
     OVERLAY_COLOUR_SHARE,
     OVERLAY_LEVEL_SIGNS,
 )
+from topdress.console.app.map_layers import LAYER_LABELS, LayerScale, MapLayer
 from topdress.console.app.widgets.base_panel import fit_text_width
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.map_legend import draw_colour_ramp

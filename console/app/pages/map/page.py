@@ -11,7 +11,6 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from topdress.console.app.action import JOB, MAP, make_bindings
 from topdress.console.app.boundary_drive import BoundaryDrive
-from topdress.console.app.camera import MapCamera, fit_box
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.guide_line import MIN_LINE_LENGTH_M
 from topdress.console.app.guide_line_store import (
@@ -19,7 +18,8 @@ from topdress.console.app.guide_line_store import (
     make_drive_record,
     make_line_record,
 )
-from topdress.console.app.layers import LAYER_LABELS, MapLayer
+from topdress.console.app.map_camera import MapCamera, fit_box
+from topdress.console.app.map_layers import LAYER_LABELS, MapLayer
 from topdress.console.app.overlay_file import OverlayFile, OverlayView
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.pages.map.keys import ACTIONS

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.console.app.camera import PixelGrid
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.layers import MapLayer
+from topdress.console.app.map_camera import PixelGrid
 from topdress.console.app.map_image import GroundPixels
+from topdress.console.app.map_layers import MapLayer
 from topdress.console.app.overlay_file import OverlayView
 from topdress.console.app.panel_views import (
     AgedText,

@@ -32,7 +32,7 @@ from topdress.console.app import frame_words
 from topdress.console.app.action import REPLAY, make_bindings
 from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.history import LogHistory, TrendPoint
+from topdress.console.app.frame_history import LogHistory, TrendPoint
 from topdress.console.app.pages.log_page import EMPTY_GROUND
 from topdress.console.app.pages.panel_page import PanelScreen
 from topdress.console.app.pages.replay.keys import ACTIONS

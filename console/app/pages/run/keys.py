@@ -11,9 +11,9 @@ from topdress.console.app import frame_words
 from topdress.console.app.action import RUN, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
 from topdress.console.app.dose_change_check import find_source_rate, predict_dose_change
+from topdress.console.app.impossible_reasons import explain_no_start, explain_not_ready
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.run.section_bar import list_section_choices
-from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.typed_number import format_with_unit, round_inwards
 from topdress.console.app.undo_stack import find_ordered_source
 from topdress.console.frame import Frame

@@ -14,7 +14,6 @@ from textual.content import Content
 from textual.widgets import Button
 from topdress.console.app.action import TRENDS, make_bindings
 from topdress.console.app.braille import PlotPiece
-from topdress.console.app.channels import BY_ID, CHANNELS, DEFAULT_TREND_CHANNELS, TrendChannel
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.pages.log_page import LogPage
 from topdress.console.app.pages.replay.service import ReplayJob
@@ -26,7 +25,13 @@ from topdress.console.app.pages.trends.channel_plots import (
 )
 from topdress.console.app.pages.trends.keys import ACTIONS
 from topdress.console.app.panel_views import MAX_FRESH_AGE_S, format_duration, format_local_time
-from topdress.console.app.series import TrendStretch, summarise_stretch
+from topdress.console.app.trend_channels import (
+    BY_ID,
+    CHANNELS,
+    DEFAULT_TREND_CHANNELS,
+    TrendChannel,
+)
+from topdress.console.app.trend_series import TrendStretch, summarise_stretch
 from topdress.console.app.units import Unit, Units
 from topdress.console.app.widgets.base_panel import Panel, Picked, fit_text_width, spread_parts
 from topdress.console.frame import Frame
