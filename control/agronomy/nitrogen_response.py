@@ -5,7 +5,7 @@ RI = NDVI of the N-rich strip over NDVI of the farmer check, one figure for the 
 day (Mullen et al. 2003, Agron. J. 95:347-351;
 nue.okstate.edu/NLS/NLS_Non_N_Limiting_Strip.htm). The farmer check is a strip that got what the
 field got. The paper of the Huanghai machine divides by the NDVI of each place instead
-(`noa.response_index`, eq 5): there a thin place counts as one that answers to nitrogen."""
+(`calc_response_index`, eq 5): there a thin place counts as one that answers to nitrogen."""
 
 from __future__ import annotations
 
