@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.replay.service import LogFiles
     from topdress.console.app.pages.settings.service import SettingsStore
     from topdress.console.frame import Frame
-    from topdress.control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import ModelDeviation
 
 Service = TypeVar("Service")
 
@@ -77,7 +77,7 @@ class Services:
     lines: GuideLineFiles | None = None
 
     # Returns the deviation of the log at a path from its model so far; returns at once.
-    model_check: Callable[[str], Departure | None] | None = None
+    model_check: Callable[[str], ModelDeviation | None] | None = None
     # Sentence for the start: what this console lacks.
     missing: str = ""
 

@@ -13,7 +13,7 @@ from topdress.console.cli.inputs import LOG_KINDS, refuse_bench_table, refuse_ot
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from topdress.control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import ModelDeviation
 
 
 def watch_log(
@@ -92,7 +92,7 @@ def _print_start(log: Path, to_end: bool) -> None:
         raise CommandError(f"{log}: no such file")
 
 
-def describe_departure(departure: Departure | None) -> str:
+def describe_departure(departure: ModelDeviation | None) -> str:
     """Returns the departure and its remedy in one line, with times of the log."""
     from topdress.console.reports.live_words import describe_next_step, format_departure
 

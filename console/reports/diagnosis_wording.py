@@ -28,10 +28,10 @@ from topdress.control.diagnosis.result import (
     Diagnosis,
     FieldCost,
     Gain,
-    NotShown,
     Size,
     UnattributedDriveFit,
-    Unexplained,
+    UnexplainedStructure,
+    UnnamedEffect,
 )
 from topdress.control.machine.machine import CATALOGUE
 
@@ -202,7 +202,7 @@ def describe_field_cost(of: FieldCost) -> str:
     return "; ".join(said) or "nothing in dose or place"
 
 
-def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str:
+def describe_unexplained(of: UnexplainedStructure, kind: str, column: bool = True) -> str:
     """Returns the part that no effect explains: its size, its time, and the nearest effect.
     `column` adds the name of the column."""
     if of.variable:
@@ -322,7 +322,7 @@ class UndetectedEffects(NamedTuple):
     data.
     """
 
-    seen: tuple[NotShown, ...]
+    seen: tuple[UnnamedEffect, ...]
     blind: tuple[str, ...]
     elsewhere: tuple[str, ...]
 

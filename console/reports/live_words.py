@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from topdress.console.locale import _
 from topdress.console.reports.diagnosis_wording import find_effect_title, name_channel
-from topdress.control.diagnosis.result import Departure
+from topdress.control.diagnosis.result import ModelDeviation
 
 # Share of the dose, %, below which no number is given.
 MIN_SHOWN_PERCENT = 0.5
 
 
-def format_departure(found: Departure, since: str, why: bool = True) -> str:
+def format_departure(found: ModelDeviation, since: str, why: bool = True) -> str:
     """Returns a departure in one line.
 
     `since` is a time of day or of the log; empty for an unknown time. The name of the cause is
@@ -28,7 +28,7 @@ def format_departure(found: Departure, since: str, why: bool = True) -> str:
     return said
 
 
-def describe_change(found: Departure) -> str:
+def describe_change(found: ModelDeviation) -> str:
     """Returns the departing channel, and the departure as a share of the dose."""
     channel = name_channel(found.channel)
     if found.percent is None or abs(found.percent) < MIN_SHOWN_PERCENT:
@@ -50,7 +50,7 @@ def describe_change(found: Departure) -> str:
     return form.format(channel=channel, share=share)
 
 
-def describe_next_step(found: Departure, console: bool = True) -> str:
+def describe_next_step(found: ModelDeviation, console: bool = True) -> str:
     """Returns the offer after the machine is held. `console` means that a page can do it; otherwise
     a command does."""
     if found.next_run and not found.adoptable:
@@ -60,7 +60,7 @@ def describe_next_step(found: Departure, console: bool = True) -> str:
     return describe_offer(found, console)
 
 
-def describe_offer(found: Departure, console: bool = True) -> str:
+def describe_offer(found: ModelDeviation, console: bool = True) -> str:
     """Returns the offer without the run that separates rivals."""
     if not console:
         if found.adoptable:

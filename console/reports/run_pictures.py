@@ -29,7 +29,7 @@ from topdress.console.reports.panels import (
     draw_smooth_line,
 )
 from topdress.console.reports.run_views import ChannelView, find_view
-from topdress.control.diagnosis.result import Unexplained, UnexplainedCurve
+from topdress.control.diagnosis.result import UnexplainedCurve, UnexplainedStructure
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import CATALOGUE
 
@@ -186,7 +186,7 @@ def _find_telling_rows(effect: Array, count: int) -> int:
 def draw_unexplained(
     views: Sequence[ChannelView],
     parts: Sequence[EffectInstance],
-    left: Unexplained,
+    left: UnexplainedStructure,
     fit: UnexplainedCurve | None,
 ) -> Picture | None:
     """Returns the residual that no effect explains, along the named variable, with the smooth

@@ -26,7 +26,7 @@ from topdress.console.reports.panels import (
 )
 from topdress.console.reports.table_views import MeasuredColumn, RowGroup
 from topdress.console.reports.variable_names import find_variable
-from topdress.control.diagnosis.result import Unexplained
+from topdress.control.diagnosis.result import UnexplainedStructure
 
 Array = npt.NDArray[np.float64]
 
@@ -219,7 +219,9 @@ def _calc_value_means(x: Array, y: Array) -> tuple[Array, Array]:
     return kinds, np.bincount(index, y) / np.bincount(index)
 
 
-def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture | None:
+def draw_table_unexplained(
+    views: Sequence[MeasuredColumn], left: UnexplainedStructure
+) -> Picture | None:
     """Returns the part that no effect explains, along the named setting, with the smooth function
     through it."""
     view = next(

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from topdress.control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import ModelDeviation
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.columns import Columns
 
@@ -38,7 +38,7 @@ class CheckResult(NamedTuple):
     are older than the newest."""
 
     at_s: float
-    departure: Departure | None
+    departure: ModelDeviation | None
     newest: bool = True
 
 
@@ -142,7 +142,7 @@ def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.s
     from topdress.drivers.files.config import ConfigError
 
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
-    said: Departure | tuple[()] | None = ()
+    said: ModelDeviation | tuple[()] | None = ()
 
     def wait_for_poll() -> bool:
         sleep(LOG_POLL_S)

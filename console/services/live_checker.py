@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from topdress.console.thread_limits import ONE_THREAD_VARIABLES
 
 if TYPE_CHECKING:
-    from topdress.control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import ModelDeviation
 
 CHECK_COMMAND = (sys.executable, "-P", "-m", "topdress.console.services.live_check")
 # Pause before a restart after a crash, s.
@@ -42,7 +42,7 @@ class LiveChecker:
         self._program, self._again_s = tuple(program), again_s
         self._run: _CheckProcess | None = None
 
-    def find_departure(self, log: str) -> Departure | None:
+    def find_departure(self, log: str) -> ModelDeviation | None:
         """Returns the newest departure; None without a departure, and before the first result."""
         if self._run is None or self._run.log != log:
             self.stop_check()
@@ -63,7 +63,7 @@ class _CheckProcess:
 
     def __init__(self, log: str, program: tuple[str, ...], again_s: float) -> None:
         self.log = log
-        self.departure: Departure | None = None
+        self.departure: ModelDeviation | None = None
         self._program, self._again_s = program, again_s
         self._ended = threading.Event()
         self._child: subprocess.Popen[str] | None = None
@@ -87,7 +87,7 @@ class _CheckProcess:
     def _read_output(self) -> None:
         """Reads departures until the process ends. Its stdin stays open, because the process ends
         with this console."""
-        from topdress.control.diagnosis.result import Departure
+        from topdress.control.diagnosis.result import ModelDeviation
 
         with subprocess.Popen(
             [*self._program, self.log],
@@ -109,5 +109,5 @@ class _CheckProcess:
                         self.departure = (
                             None
                             if report["departure"] is None
-                            else Departure(**report["departure"])
+                            else ModelDeviation(**report["departure"])
                         )

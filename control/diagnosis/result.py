@@ -99,7 +99,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Detectable:
+class DetectableSize:
     """Smallest detectable size of an effect."""
 
     # None means that this data cannot show the effect at any size.
@@ -108,15 +108,15 @@ class Detectable:
 
 
 @dataclass(frozen=True, slots=True)
-class NotShown:
+class UnnamedEffect:
     """An effect that was not named, with its smallest detectable size."""
 
     id: str
-    smallest_detectable: Detectable
+    smallest_detectable: DetectableSize
 
 
 @dataclass(frozen=True, slots=True)
-class Unexplained:
+class UnexplainedStructure:
     """Structure in the residual without a name. `variable`: the recorded variable on which the
     structure depends, "" where none is known.
 
@@ -205,14 +205,15 @@ class TermFound:
     gain: float
     held_out_gain: float | None
     seen: tuple[tuple[float, float, float], ...] = ()
-    # Whether the term is part of the best prediction (`Predicted.rival`) only, and names no cause.
+    # Whether the term is part of the best prediction (`PredictionErrors.rival`) only, and names no
+    # cause.
     predicts_best: bool = False
     # Reason why no machine file adopts the term, where prediction refuses it.
     refused: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Predicted:
+class PredictionErrors:
     """R.m.s. errors of one channel on the whole log, in `unit`, each prediction from its own start.
 
     `before`: the machine file unchanged. `file`: the file with the adopted results. `said`: all
@@ -244,7 +245,7 @@ class UnattributedDriveFit:
 
 
 @dataclass(frozen=True, slots=True)
-class RateFit:
+class AppliedVersusTarget:
     """Applied against target rate, of data that contain rates and no drives: the applied rate is
     `gain` times the target `lag` before.
 
@@ -280,8 +281,8 @@ class Diagnosis:
     verdict: Verdict
     # Largest consequence first.
     causes: tuple[Cause, ...]
-    not_shown: tuple[NotShown, ...]
-    unexplained: tuple[Unexplained, ...]
+    not_shown: tuple[UnnamedEffect, ...]
+    unexplained: tuple[UnexplainedStructure, ...]
     next_run: NextRun | None
     gain: tuple[Gain, ...]
     extended_machine: str | None
@@ -294,12 +295,12 @@ class Diagnosis:
     # Structure that no effect explains, as terms of the machine file.
     terms: tuple[TermFound, ...] = ()
     # Fits of the rates where no channel could be judged and both rates exist; all passes first.
-    rates: tuple[RateFit, ...] = ()
+    rates: tuple[AppliedVersusTarget, ...] = ()
 
     # The best-predicting fit where the shaft's model leaves more than noise.
     fitted: UnattributedDriveFit | None = None
     # Errors of the machine file's prediction, and of the predictions for comparison.
-    predicted: tuple[Predicted, ...] = ()
+    predicted: tuple[PredictionErrors, ...] = ()
 
     # The log and the machine of the diagnosis.
     seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)
@@ -353,7 +354,7 @@ class Diagnosis:
         return str(load_notebook_module().format_notebook_html(self))
 
 
-class Departure(NamedTuple):
+class ModelDeviation(NamedTuple):
     """A deviation of the machine from its model, reported by a live check.
 
     `cause`: id of an effect, "" where unknown. `percent`: error of the dose, None where unknown or

@@ -32,7 +32,7 @@ STATUS_FRAME_EFFORT = "S3"
 COMMAND_FRAME_VALVES = "T2"
 # Command frame with the board's word, so that a recorded frame cannot be replayed.
 COMMAND_FRAME_WORD = "T3"
-# The board's word, sent in answer to `ASK`.
+# The board's word, sent in answer to a request.
 WORD_FRAME = "W1"
 # The angle that the shaft has turned, sent in answer to `TURNED_REQUEST`.
 TURNED_FRAME = "C1"

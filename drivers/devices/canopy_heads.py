@@ -86,7 +86,7 @@ class HeadDecoder(LineDecoder[HeadSample]):
 
     Parameters
     ----------
-    fields : layout of the line, one of `PROTOCOLS` or the user's own.
+    fields : layout of the line, one of `FIELDS_OF_PROTOCOL` or the user's own.
     head : number of the head (from 1) on this port; None where the line is multiplexed.
     heads : number of heads; a higher number on a multiplexed line is rejected.
 

@@ -32,8 +32,9 @@ def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], SentenceCo
 
     Parameters
     ----------
-    protocol : one of `PROTOCOLS`; a head protocol followed by `-multi` means the multiplexed line.
-    data : the whole capture: the bare bytes of the line, or a file of `drivers.devices.capture`.
+    protocol : one of `DECODER_OF_PROTOCOL`; a head protocol followed by `-multi` means the
+    multiplexed line. data : the whole capture: the bare bytes of the line, or a file of
+    `drivers.devices.capture`.
 
     Returns
     -------

@@ -31,8 +31,8 @@ class WheelGeometry(NamedTuple):
 
 
 class WheelSpeed:
-    """Measures the mean speed between two pulses at least `SPEED_WINDOW_S` apart (the filter
-    `wheel_window`, delay 0.25 s).
+    """Measures the mean speed between two pulses at least `SPEED_WINDOW_S` apart, with a
+    delay of 0.25 s.
 
     Between pulses the speed is at most the distance of one pulse divided by the time since the last
     pulse, so that braking shows before the next pulse. A counter that jumps back means a restarted

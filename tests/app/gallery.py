@@ -25,7 +25,7 @@ from topdress.console.app.units import METRIC
 from topdress.console.frame import DeviceDo, Frame
 from topdress.console.locale import ENGLISH_CODE, use_language
 from topdress.console.worker.resume_alarms import AlarmHistory
-from topdress.control.diagnosis.result import Departure
+from topdress.control.diagnosis.result import ModelDeviation
 from topdress.control.orders import Answer, Order, State
 
 from tests.app.made_up.diagnosis import OPEN
@@ -151,11 +151,11 @@ DONE_ON: dict[str, tuple[str, ...]] = {  # actions that bring a page to a pictur
 }
 
 
-_FILLS_LESS = Departure("flow", "flow.fill_falloff", -4.0, 300.0, adoptable=True)
+_FILLS_LESS = ModelDeviation("flow", "flow.fill_falloff", -4.0, 300.0, adoptable=True)
 # what the model check says on the Run page, and in which state
-CHECKED: dict[str, tuple[State, Departure]] = {
+CHECKED: dict[str, tuple[State, ModelDeviation]] = {
     "run-check": (State.WORKING, _FILLS_LESS),
-    "run-check-unnamed": (State.WORKING, Departure("shaft", "", None, 240.0, False)),
+    "run-check-unnamed": (State.WORKING, ModelDeviation("shaft", "", None, 240.0, False)),
     "run-check-held": (State.HELD, _FILLS_LESS),
     "run-check-unsure": (
         State.HELD,

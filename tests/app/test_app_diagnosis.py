@@ -33,7 +33,7 @@ from topdress.console.app.services import Services
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.console.locale import read_catalogue, use_language
 from topdress.console.reports.diagnosis_wording import find_effect_title, format_verdict_line
-from topdress.control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
+from topdress.control.diagnosis.result import UNKNOWN, FieldCost, UnexplainedStructure
 from topdress.control.machine.machine import CATALOGUE
 from topdress.control.orders import Do
 from topdress.drivers.files.plain_data import build_from_plain, convert_to_plain
@@ -483,7 +483,9 @@ async def test_every_action_is_in_the_palette(app):
 
 def test_a_view_goes_through_json_and_comes_back():
     found = sample_found()._replace(left_curve=sample_found().drawn[0].over, refused=("x: y",))
-    found = having(found, unexplained=(Unexplained("flow", "supply_v", 0.4),), findings=("a note",))
+    found = having(
+        found, unexplained=(UnexplainedStructure("flow", "supply_v", 0.4),), findings=("a note",)
+    )
     assert build_from_plain(DiagnosisView, convert_to_plain(found)) == found
 
 
@@ -507,7 +509,7 @@ def test_verdicts_in_one_line():
     left = replace(
         sample_found("none").found,
         verdict="unexplained",
-        unexplained=(Unexplained("flow", "supply_v", 0.4),),
+        unexplained=(UnexplainedStructure("flow", "supply_v", 0.4),),
     )
     assert format_verdict_line(left) == (
         "flow changes with supply; none of the known causes fits: "

@@ -10,11 +10,11 @@ from topdress.console.app.pages.run.page import ModelCheck, list_model_check_tex
 from topdress.console.app.services import Services
 from topdress.console.locale import use_language
 from topdress.console.reports.live_words import format_departure
-from topdress.control.diagnosis.result import Departure
+from topdress.control.diagnosis.result import ModelDeviation
 
 from tests.app.gallery import StillSource
 
-FOUND = Departure("flow", "flow.gain", -4.0, 600.0, adoptable=True)
+FOUND = ModelDeviation("flow", "flow.gain", -4.0, 600.0, adoptable=True)
 
 
 def with_row(frame, **changes):
@@ -39,7 +39,8 @@ def test_the_line_says_what_since_when_and_why(frames):
     )[0]
     assert "flow is not as it should be. Perhaps: " in unsure
     assert (
-        format_departure(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
+        format_departure(ModelDeviation("gate", "", 3.0, None), "")
+        == "3 % too much spread, by the gate"
     )
 
 
@@ -106,10 +107,10 @@ def test_in_chinese(frames):
 
 
 async def test_the_row_is_there_only_while_something_departs(clock, frames, shown):
-    said: list[Departure | None] = [None]
+    said: list[ModelDeviation | None] = [None]
     asked: list[str] = []
 
-    def latest(log: str) -> Departure | None:
+    def latest(log: str) -> ModelDeviation | None:
         asked.append(log)
         return said[0]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from topdress.console.services import live_check
 from topdress.console.services.live_check import CheckResult
-from topdress.control.diagnosis.result import Departure
+from topdress.control.diagnosis.result import ModelDeviation
 
 from tests.command import topdress
 
-FOUND = Departure("flow", "flow.fill_falloff", -4.0, 600.0, adoptable=True)
+FOUND = ModelDeviation("flow", "flow.fill_falloff", -4.0, 600.0, adoptable=True)
 
 
 @pytest.fixture(autouse=True)

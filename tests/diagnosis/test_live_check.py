@@ -22,13 +22,13 @@ from topdress.control.diagnosis.live.sequential_test import (
 )
 from topdress.control.diagnosis.result import (
     Cause,
-    Departure,
     Diagnosis,
     FieldCost,
+    ModelDeviation,
     Rival,
     Size,
     SourceSummary,
-    Unexplained,
+    UnexplainedStructure,
 )
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import Machine
@@ -60,7 +60,7 @@ def change_points(columns: dict[str, Any], machine: Machine) -> list[ChangePoint
     )
 
 
-def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, Departure | None]]:
+def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, ModelDeviation | None]]:
     time_s, seen = columns["time_s"], []
     for at_s in np.arange(CHECK_INTERVAL_S, time_s[-1] + CHECK_INTERVAL_S, CHECK_INTERVAL_S):
         new = (time_s >= at_s - CHECK_INTERVAL_S) & (time_s < at_s)
@@ -183,7 +183,7 @@ def test_another_channels_finding_does_not_bear_it_out() -> None:
 
 
 def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
-    def said(found: Cause) -> list[Departure | None]:
+    def said(found: Cause) -> list[ModelDeviation | None]:
         check = LiveCheck(
             MACHINE, lambda *_: [ChangePoint("metering", GATE, 50.0)], lambda *_: diagnosis(found)
         )
@@ -232,7 +232,7 @@ def test_what_has_no_name_must_be_seen_twice(until_s: float, ended_s: float, sai
     of two seconds is seen by everything that looks back as far as to it."""
 
     def nameless(columns: Any, _: Machine) -> Diagnosis:
-        left = Unexplained("speed", "", 0.3, 0.05, 0.02, "m/s")
+        left = UnexplainedStructure("speed", "", 0.3, 0.05, 0.02, "m/s")
         there = bool(columns["time_s"][0] < ended_s)
         return (
             replace(diagnosis(), verdict="unexplained", unexplained=(left,))

@@ -12,15 +12,15 @@ from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
     Cause,
     Channel,
-    Detectable,
+    DetectableSize,
     Diagnosis,
     FieldCost,
     Gain,
     NextRun,
-    NotShown,
     Rival,
     Size,
     SourceSummary,
+    UnnamedEffect,
 )
 from topdress.control.machine.machine import CATALOGUE, Machine
 
@@ -147,8 +147,8 @@ def found_of(cause_of: Callable[..., Cause]) -> Callable[..., Diagnosis]:
             "verdict": "named" if causes else "none",
             "causes": causes,
             "not_shown": (
-                NotShown("shaft.gain", Detectable(0.27, "%")),
-                NotShown("gate.stuck", Detectable(None, "s")),
+                UnnamedEffect("shaft.gain", DetectableSize(0.27, "%")),
+                UnnamedEffect("gate.stuck", DetectableSize(None, "s")),
             ),
             "unexplained": (),
             "next_run": None,

@@ -37,11 +37,11 @@ from topdress.control.diagnosis.result import (
     Channel,
     Diagnosis,
     FieldCost,
-    NotShown,
     Rival,
     Size,
-    Unexplained,
     UnexplainedCurve,
+    UnexplainedStructure,
+    UnnamedEffect,
 )
 from topdress.control.diagnosis.season.effect_timelines import SeasonFit
 from topdress.control.machine.machine import CATALOGUE, Machine
@@ -199,7 +199,7 @@ def test_each_kind_of_table(
 ) -> None:
     causes = [cause_of(effect_id) for effect_id in OF_TABLES[kind]]
     left = (
-        Unexplained(
+        UnexplainedStructure(
             "place"
             if kind == "place"
             else "lag"
@@ -275,7 +275,9 @@ def test_unexplained_shows_the_smooth_function(
     nodes = tuple(np.linspace(12.3, 13.7, 8).tolist())
     fit = UnexplainedCurve("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
     found = found_of(
-        verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,)
+        verdict="unexplained",
+        unexplained=(UnexplainedStructure("shaft", "supply_v", 0.9),),
+        tables=(fit,),
     )
     said = harmless(make_diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
     for words in (
@@ -301,7 +303,7 @@ def test_hostile_words_stay_words(
         kind="lag",
         findings=(HOSTILE,),
         extended_machine=HOSTILE,
-        not_shown=(NotShown(HOSTILE, full.not_shown[0].smallest_detectable),),
+        not_shown=(UnnamedEffect(HOSTILE, full.not_shown[0].smallest_detectable),),
     )
     found = replace(found, data=replace(found.data, path=HOSTILE, machine=HOSTILE))
     text = make_diagnosis_page(
@@ -527,7 +529,9 @@ KINDS: dict[str, tuple[dict[str, Any], list[dict[str, Any]], tuple[str, ...], tu
         {
             "verdict": "unexplained",
             "unexplained": (
-                Unexplained("gate", "", 0.9, 0.43, 0.1, "mm", 2.5, "gate.offset", 310.0, 56.0),
+                UnexplainedStructure(
+                    "gate", "", 0.9, 0.43, 0.1, "mm", 2.5, "gate.offset", 310.0, 56.0
+                ),
             ),
         },
         [],
@@ -549,7 +553,9 @@ KINDS: dict[str, tuple[dict[str, Any], list[dict[str, Any]], tuple[str, ...], tu
     "variable": (
         {
             "verdict": "unexplained",
-            "unexplained": (Unexplained("shaft", "supply_v", 0.4, 1.2, 0.25, "r/min", -3.0),),
+            "unexplained": (
+                UnexplainedStructure("shaft", "supply_v", 0.4, 1.2, 0.25, "r/min", -3.0),
+            ),
         },
         [],
         ("typically off by 1.20 r/min; the sensors alone are off by 0.25 r/min", "3 % of the dose"),
@@ -610,7 +616,7 @@ def test_json_holds_every_field_that_is_said(
 ) -> None:
     found = of_kind(kind)
     data = json.loads(json.dumps(found.to_json()))
-    assert [Unexplained(**one) for one in data["unexplained"]] == list(found.unexplained)
+    assert [UnexplainedStructure(**one) for one in data["unexplained"]] == list(found.unexplained)
     assert [
         (one["onset_s"], one["until_s"], one["grows"], [rival["id"] for rival in one["rivals"]])
         for one in data["causes"]

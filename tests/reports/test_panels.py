@@ -38,7 +38,7 @@ from topdress.console.reports.table_pictures import draw_table_column
 from topdress.console.reports.table_views import make_table_views
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.diagnosis import diagnose_tables
-from topdress.control.diagnosis.result import Cause, Unexplained
+from topdress.control.diagnosis.result import Cause, UnexplainedStructure
 from topdress.control.machine.machine import Machine
 
 X = np.linspace(0.0, 4.0, 400)
@@ -266,9 +266,9 @@ def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: st
     )
     for column, name in ((True, " (pitch_deg)"), (False, "")):
         assert describe_unexplained(
-            Unexplained("flow", "pitch_deg", share), "run", column
+            UnexplainedStructure("flow", "pitch_deg", share), "run", column
         ) == follows.format(name=name, said=said)
-    assert describe_unexplained(Unexplained("flow", "", share), "run").startswith(
+    assert describe_unexplained(UnexplainedStructure("flow", "", share), "run").startswith(
         "flow is off by more than chance"
     )
 

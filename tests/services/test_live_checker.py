@@ -19,12 +19,12 @@ from topdress.console.services import live_check
 from topdress.console.services.live_check import follow_log
 from topdress.console.services.live_checker import LiveChecker
 from topdress.control.diagnosis.live import growing_log_check
-from topdress.control.diagnosis.result import Departure
+from topdress.control.diagnosis.result import ModelDeviation
 from topdress.drivers.files.growing_log import GrowingLog
 from topdress.drivers.files.imports import text_table
 from topdress.drivers.files.log_store import write_log_store
 
-FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
+FOUND = ModelDeviation("flow", "flow.gain", -4.0, 600.0)
 
 
 def program(tmp_path: Path, body: str) -> tuple[str, ...]:
@@ -100,11 +100,13 @@ def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Departure | None]], None]:
+def looks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> Callable[[Callable[[float], ModelDeviation | None]], None]:
     """Looks that find nothing, or at a time what a function says of it; they cost nothing."""
 
-    def find(found: Callable[[float], Departure | None]) -> None:
-        def look(self: growing_log_check.LiveCheck) -> Departure | None:
+    def find(found: Callable[[float], ModelDeviation | None]) -> None:
+        def look(self: growing_log_check.LiveCheck) -> ModelDeviation | None:
             self._looked_s = self.now_s
             return found(self.now_s)
 

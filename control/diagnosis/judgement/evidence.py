@@ -16,7 +16,7 @@ from .noise import Noise
 from .noise_fit import MIN_TIME_RATIO
 
 # Half of a 90 % interval in standard deviations.
-Z90 = 1.645
+TWO_SIDED_90_QUANTILE = 1.645
 # Maximum number of rounds of a fit of amplitudes and noise.
 MAX_ROUNDS = 15
 # Divisor of the usual drift for a calm noise, from which fits start.

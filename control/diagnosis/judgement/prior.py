@@ -64,9 +64,9 @@ SIZE_ERROR = 1.5
 # Ratio of the standard deviation of a normal variable to its median absolute deviation.
 ROBUST_SD = 1.4826
 # Standard normal quantile: nine values in ten are above the mean minus this many s.d.
-NINE_IN_TEN_SD = 1.2816
+ONE_SIDED_90_QUANTILE = 1.2816
 # Distance of two hypotheses in s.d. at which nine measurements in ten separate them.
-SEPARATION_SD = sqrt(2.0 * MIN_REPORT_LOG_ODDS) + NINE_IN_TEN_SD
+SEPARATION_SD = sqrt(2.0 * MIN_REPORT_LOG_ODDS) + ONE_SIDED_90_QUANTILE
 # Posterior probability from which a rival is listed.
 MIN_LISTED_PROB = 0.02
 
@@ -173,4 +173,4 @@ def calc_detectable_size(usual: float, information: float, log_odds: float) -> f
     if information <= 0.0:
         return inf
     needed = MIN_REPORT_LOG_ODDS - log_odds + 0.5 * log1p(usual**2 * information)
-    return (sqrt(2.0 * needed) + NINE_IN_TEN_SD) / sqrt(information)
+    return (sqrt(2.0 * needed) + ONE_SIDED_90_QUANTILE) / sqrt(information)

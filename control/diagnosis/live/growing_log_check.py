@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.extend import find_cause_refusal
-from topdress.control.diagnosis.result import UNKNOWN, Cause, Departure, Diagnosis
+from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis, ModelDeviation
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS
 from topdress.control.machine.machine import Machine
@@ -82,8 +82,8 @@ class LiveCheck:
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._reported_s = 0.0
         # Result of the quarter before, or the quarter itself while not diagnosed.
-        self._last: Departure | _Quarter | None = None
-        self.standing: Departure | None = None
+        self._last: ModelDeviation | _Quarter | None = None
+        self.standing: ModelDeviation | None = None
         self.diagnoses = 0
 
     @property
@@ -118,7 +118,7 @@ class LiveCheck:
             and self.now_s - self._looked_s >= CHECK_INTERVAL_S
         )
 
-    def check_rows(self) -> Departure | None:
+    def check_rows(self) -> ModelDeviation | None:
         """Check the newest rows and return the standing deviation. The method never raises because
         of their content."""
         self._looked_s = self.now_s
@@ -203,12 +203,12 @@ class LiveCheck:
             self.standing = None
         self._last = departure
 
-    def _describe_stretch(self, stretch: _Quarter) -> Departure | None:
+    def _describe_stretch(self, stretch: _Quarter) -> ModelDeviation | None:
         return self._find_stretch_departure(stretch.begin_s, None, stretch.end_s)
 
     def _find_stretch_departure(
         self, begin_s: float, group: str | None, end_s: float = np.inf
-    ) -> Departure | None:
+    ) -> ModelDeviation | None:
         """Return the deviation by a full diagnosis of a stretch of the log, in one group or all;
         times are log times, s."""
         self.diagnoses += 1
@@ -235,7 +235,7 @@ class LiveCheck:
         return rows if inside.all() else {name: array[inside] for name, array in rows.items()}
 
 
-def find_departure(found: Diagnosis, group: str | None = None) -> Departure | None:
+def find_departure(found: Diagnosis, group: str | None = None) -> ModelDeviation | None:
     """Return the deviation of a diagnosis: its costliest current cause that is not a mere
     suspicion, or else its unexplained structure.
 
@@ -250,7 +250,7 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
             return _make_departure_of_cause(cause, found)
     for left in found.unexplained:
         if group is None or _CHANNEL_GROUP.get(left.channel) == group:
-            return Departure(left.channel, "", left.dose_percent, left.from_s, False)
+            return ModelDeviation(left.channel, "", left.dose_percent, left.from_s, False)
     return None
 
 
@@ -258,9 +258,9 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
 SCALE_CONFOUNDED_IDS = ("flow.gain", "scale.gain")
 
 
-def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> Departure:
+def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> ModelDeviation:
     percent = cause.field_cost.rate_error_percent
-    return Departure(
+    return ModelDeviation(
         EFFECT_ROWS[cause.id].channels[0] if EFFECT_ROWS[cause.id].stage != "flow" else "flow",
         cause.id,
         percent or None,
@@ -273,7 +273,7 @@ def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> Departure:
     )
 
 
-def _is_confirmed_by(change: ChangePoint, found: Departure) -> bool:
+def _is_confirmed_by(change: ChangePoint, found: ModelDeviation) -> bool:
     """Tell whether a diagnosis confirms an onset: it finds an onset, names the same effect, or has
     no name for it.
 
@@ -282,13 +282,13 @@ def _is_confirmed_by(change: ChangePoint, found: Departure) -> bool:
     return found.since_s is not None or found.cause in ("", change.part.id)
 
 
-def _add_begin_time(found: Departure, since_s: float) -> Departure:
+def _add_begin_time(found: ModelDeviation, since_s: float) -> ModelDeviation:
     """Add the time since which the deviation is observed, where the diagnosis itself has no
     time."""
     return found if found.since_s is not None else found._replace(since_s=since_s)
 
 
-def _is_same_departure(one: Departure, other: Departure) -> bool:
+def _is_same_departure(one: ModelDeviation, other: ModelDeviation) -> bool:
     """Tell whether two deviations have the same name, or, without names, the same channel."""
     return one.channel == other.channel and (
         one.cause == other.cause or not one.certain or not other.certain

@@ -21,18 +21,18 @@ from topdress.control.diagnosis.extend import (
     find_term_refusal,
     is_in_drive_fit,
 )
-from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
 from topdress.control.diagnosis.judgement.prior import MIN_NAMED_PROB
 from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Diagnosis,
-    Predicted,
+    PredictionErrors,
     Rival,
     Size,
     TermFound,
     UnattributedDriveFit,
-    Unexplained,
+    UnexplainedStructure,
 )
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS, calc_equivalent_sd
@@ -72,7 +72,7 @@ JOINT_FIT_TEXT = (
 NO_GAIN_TEXT = "the log itself is predicted no better with it"
 
 
-class Adoptable(NamedTuple):
+class AdoptablePart(NamedTuple):
     """Adoptable part of a diagnosis. found : the diagnosis with the adopted results and their
     sizes.
 
@@ -82,7 +82,7 @@ class Adoptable(NamedTuple):
 
     found: Diagnosis
     refused: tuple[tuple[str, str], ...]
-    predicted: tuple[Predicted, ...] = ()
+    predicted: tuple[PredictionErrors, ...] = ()
 
 
 class _TriedFile(NamedTuple):
@@ -97,7 +97,7 @@ class _TriedFile(NamedTuple):
 
 def select_predictive_causes(
     on_log: LogPredictor, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
-) -> Adoptable:
+) -> AdoptablePart:
     """Return the chosen causes (by id) with the diagnosis' terms, as far as the file with them
     predicts better than the file without.
 
@@ -114,7 +114,7 @@ def select_predictive_causes(
         fitted=None,
     )
     refused: list[tuple[str, str]] = []
-    said: list[Predicted] = []
+    said: list[PredictionErrors] = []
     for channels in _group_channels(on_log):
         own = _list_own_causes(found, channels, read_off)
         every = [one for one in own if not find_cause_refusal(one)]
@@ -151,12 +151,12 @@ def select_predictive_causes(
             fitted=kept.fitted or best.fitted,
         )
         said += [
-            Predicted(name, on_log.find_unit(name), usual[name] ** 0.5, best.held.rms[name])
+            PredictionErrors(name, on_log.find_unit(name), usual[name] ** 0.5, best.held.rms[name])
             for name in channels
         ]
     order = [cause.id for cause in found.causes]
     kept = replace(kept, causes=tuple(sorted(kept.causes, key=lambda cause: order.index(cause.id))))
-    return Adoptable(kept, tuple(refused), tuple(said))
+    return AdoptablePart(kept, tuple(refused), tuple(said))
 
 
 def validate_prediction(
@@ -329,7 +329,13 @@ def round_trip_machine(machine: Machine) -> Machine:
 
 def _resize_cause(cause: Cause, size: float, sd: float) -> Cause:
     return replace(
-        cause, size=replace(cause.size, value=size, low=size - Z90 * sd, high=size + Z90 * sd)
+        cause,
+        size=replace(
+            cause.size,
+            value=size,
+            low=size - TWO_SIDED_90_QUANTILE * sd,
+            high=size + TWO_SIDED_90_QUANTILE * sd,
+        ),
     )
 
 
@@ -342,7 +348,7 @@ def _compare_with_rival(
     taken: Diagnosis,
     channel: str,
     read_off: Collection[str],
-) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
+) -> tuple[Diagnosis, PredictionErrors, list[UnexplainedStructure]]:
     """Compare the diagnosis with the plain rival of one channel.
 
     The rival's file is adopted where it predicts best. Where it predicts clearly better than all
@@ -354,7 +360,7 @@ def _compare_with_rival(
         _calc_errors_of_file(on_log, taken, channel),
     )
     usual = {channel: max(1e-300, nothing.rms[channel] ** 2)}
-    errors = Predicted(
+    errors = PredictionErrors(
         channel,
         on_log.find_unit(channel),
         nothing.rms[channel],
@@ -437,7 +443,7 @@ def _compare_with_rival(
     )
     left = (
         [
-            Unexplained(
+            UnexplainedStructure(
                 channel, name, share, said.rms[channel], on_log.calc_noise(channel), errors.unit
             )
             for name in errors.over
@@ -516,7 +522,15 @@ def _fit_rival(
     on_log: LogPredictor, rival: PlainRival, nothing: BlockErrors
 ) -> UnattributedDriveFit:
     sizes = tuple(
-        (name, Size(size, size - Z90 * sd, size + Z90 * sd, describe_unit(name, on_log.machine)))
+        (
+            name,
+            Size(
+                size,
+                size - TWO_SIDED_90_QUANTILE * sd,
+                size + TWO_SIDED_90_QUANTILE * sd,
+                describe_unit(name, on_log.machine),
+            ),
+        )
         for name, size, sd in rival.sizes
     )
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))
@@ -531,7 +545,7 @@ def _make_term_found(
     )
 
 
-def _describe_lead(one: Predicted) -> str:
+def _describe_lead(one: PredictionErrors) -> str:
     return (
         f"{one.channel}: least squares over {', '.join(one.over)} predicts this log better "
         "than what is said: "

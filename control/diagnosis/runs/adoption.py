@@ -13,7 +13,7 @@ from topdress.control.diagnosis.extend import extend, find_cause_refusal
 from topdress.control.diagnosis.prediction.log_prediction import LogPredictor
 from topdress.control.diagnosis.prediction.predictive_validation import (
     NO_GAIN_TEXT,
-    Adoptable,
+    AdoptablePart,
     select_predictive_causes,
 )
 from topdress.control.diagnosis.result import Cause, Diagnosis
@@ -23,7 +23,7 @@ from .compared import compared
 from .diagnose import prepare_log
 
 
-def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
+def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> AdoptablePart:
     """Return the chosen causes and the terms of a run log's diagnosis with which a machine file
     predicts better.
 
@@ -45,7 +45,7 @@ def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
         cause for cause in found.causes if cause.id in chosen and not find_cause_refusal(cause)
     )
     if found.seen_with is None or found.data.kind != "run":
-        return Adoptable(replace(found, causes=kept), ())
+        return AdoptablePart(replace(found, causes=kept), ())
     columns, machine = found.seen_with
     log, data, read_off = prepare_log(columns, machine)
     with np.errstate(all="ignore"):

@@ -173,7 +173,7 @@ def make_drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
     sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
     floor = max(_estimate_rounding_sd(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
     prior = NoisePrior(sd, WHITE_TIME_S, floor)
-    # each row is the mean of an answer: what one leaves the next knows nothing of
+    # Each row is the mean of an answer, so the noise of a row does not reach into the next.
     if drive.settled:
         prior = prior._replace(
             slow_share=NEGLIGIBLE_DRIFT,
@@ -240,7 +240,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     pieces = _list_predicted_pieces(h)
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
-    # the model fills in what it is given in every one of its steps
+    # The model adds the given mass in each of its steps.
     share = refill_kg / MIN_STEPS_PER_ROW
 
     def levels(plan: Schedule) -> Array:

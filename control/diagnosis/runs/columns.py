@@ -594,7 +594,8 @@ class HypothesisColumns:
         )
 
     def list_columns(self, parts: Hypothesis) -> list[Column]:
-        """Return nuisances, slopes and shapes of a hypothesis, in the order of `compressed`."""
+        """Return nuisances, slopes and shapes of a hypothesis, in the order of
+        `compress_hypothesis`."""
         slopes = self.list_slopes(parts)
         return [*self.list_fixed_columns(parts), *slopes, *self.list_shape_columns(parts, slopes)]
 

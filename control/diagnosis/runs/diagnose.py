@@ -2,7 +2,7 @@
 
 An unusual log may lead to a singular matrix or a sum without a finite value. Such a failure is the
 program's own, is never reported as a mistake of the user, and must not stop the other channels
-(`attempt`).
+(`attempt_step`).
 """
 
 from __future__ import annotations

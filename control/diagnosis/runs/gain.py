@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.evidence import (
-    Z90,
+    TWO_SIDED_90_QUANTILE,
     Column,
     ColumnRole,
     fit_amplitudes_and_noise,
@@ -112,7 +112,15 @@ def _make_gain(
         ]
     )
     sd = float(np.std(squares) / np.sqrt(len(squares))) / max(2.0 * rms, 1e-12)
-    return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
+    return Gain(
+        channel,
+        metric,
+        before,
+        rms,
+        max(0.0, rms - TWO_SIDED_90_QUANTILE * sd),
+        rms + TWO_SIDED_90_QUANTILE * sd,
+        held_out,
+    )
 
 
 def _list_substitutes(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:

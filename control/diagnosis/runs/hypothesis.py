@@ -51,20 +51,20 @@ def remove_part(parts: Hypothesis, k: int) -> Hypothesis:
     return (*parts[:k], *parts[k + 1 :])
 
 
-class Stages(NamedTuple):
+class StageParams(NamedTuple):
     """Parameter tuples of the stages, by stage name."""
 
     by_name: dict[str, Any]
 
-    def replace_fields(self, stage: str, **changes: Any) -> Stages:
-        return Stages({**self.by_name, stage: self.by_name[stage]._replace(**changes)})
+    def replace_fields(self, stage: str, **changes: Any) -> StageParams:
+        return StageParams({**self.by_name, stage: self.by_name[stage]._replace(**changes)})
 
 
-def list_stages(machine: Machine) -> Stages:
-    return Stages({name: getattr(machine, name) for name in STAGES})
+def list_stages(machine: Machine) -> StageParams:
+    return StageParams({name: getattr(machine, name) for name in STAGES})
 
 
-def add_part(stages: Stages, part: EffectInstance) -> Stages:
+def add_part(stages: StageParams, part: EffectInstance) -> StageParams:
     """Return the stages with a further effect added to their parameters; bounds are not checked."""
     entry = CATALOGUE[part.id]
     before = getattr(stages.by_name[entry.stage], entry.field)
@@ -78,11 +78,11 @@ class Schedule(NamedTuple):
     """Sets of stages in the order in which they come into force; `from_s[j]` is the start of set
     j+1, s."""
 
-    sets: tuple[Stages, ...]
+    sets: tuple[StageParams, ...]
     from_s: tuple[float, ...]
 
 
-def make_schedule(stages: Stages, parts: Hypothesis) -> Schedule:
+def make_schedule(stages: StageParams, parts: Hypothesis) -> Schedule:
     """Return the times at which each set of stages is in force under a hypothesis. Growing effects
     are left out, because `GroupModel.run` adds them.
 

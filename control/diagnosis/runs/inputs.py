@@ -57,7 +57,7 @@ class LogRows(NamedTuple):
     working: Array
     # Rows before which commands may be missing from the log.
     lost: npt.NDArray[np.bool_]
-    # Sums of the machine file's terms by quantity (`term_sums.over_log`).
+    # Sums of the machine file's terms by quantity (`term_sums.sum_over_log`).
     more: dict[str, Array] = {}
 
 

@@ -17,7 +17,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT_CHANNELS
-from .hypothesis import EffectInstance, Hypothesis, Stages, list_stages, make_schedule
+from .hypothesis import EffectInstance, Hypothesis, StageParams, list_stages, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -251,7 +251,10 @@ class GroupModel:
         return self._predictions[parts]
 
     def run_model(
-        self, parts: Hypothesis, base: Stages | None = None, only: Collection[str] | None = None
+        self,
+        parts: Hypothesis,
+        base: StageParams | None = None,
+        only: Collection[str] | None = None,
     ) -> dict[str, Array]:
         """Run the model under a hypothesis: (m,) by channel. base : other stages; only : the
         channels to predict."""
@@ -274,14 +277,14 @@ class GroupModel:
         return now
 
     def _predict_steady(
-        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
+        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: StageParams | None
     ) -> dict[str, Array]:
         self.ask()
         plan = make_schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MAX_MODEL_STEP_S) for c in channels}
 
     def _predict_cached(
-        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
+        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: StageParams | None
     ) -> dict[str, Array]:
         """Return the cached prediction where all channels are requested: growths of many sizes
         share the prediction."""

@@ -31,10 +31,10 @@ MAX_OFFSET_SD = 3.0
 MIN_STEP_SD = 0.05
 # Minimum gain in log-likelihood for a further round.
 MIN_GAIN = 0.5
-# Nominal values that decide when a move ends.
+# Dead time and slew: the nominal values on which the end of a move depends.
 TIMING_FIELDS = ("dead_time_s", "slew_mm_s")
 # Number of halvings of a tolerance in the search for a timing value: down to a thirtieth.
-HALVINGS = 5
+TIMING_HALVING_COUNT = 5
 # Minimum gain in log-likelihood for a timing value to be changed.
 MIN_TIME_GAIN = 2.0
 
@@ -163,7 +163,7 @@ def _move_time_value(
             for far in ((-2.0, -1.0, 1.0, 2.0) if step == n.sd else (-1.0, 1.0))
             if abs(off + far * step) <= MAX_OFFSET_SD * n.sd
         ],
-        [n.sd * 0.5**halvings for halvings in range(HALVINGS + 1)],
+        [n.sd * 0.5**halvings for halvings in range(TIMING_HALVING_COUNT + 1)],
         again=False,
     )
     if value(best) > value(now) + MIN_TIME_GAIN:
@@ -204,7 +204,7 @@ def calc_timing_sd(effect_id: str, machine: Machine) -> float:
     row = EFFECT_ROWS[effect_id]
     return max(
         (
-            find_tolerance(one, machine) / 2.0**HALVINGS
+            find_tolerance(one, machine) / 2.0**TIMING_HALVING_COUNT
             for one in row.siblings
             if EFFECT_ROWS[one].moves in TIMING_FIELDS
         ),

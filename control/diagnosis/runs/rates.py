@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri, stdtrit
-from topdress.control.diagnosis.judgement.evidence import Z90
-from topdress.control.diagnosis.result import RateFit, Size
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
+from topdress.control.diagnosis.result import AppliedVersusTarget, Size
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import State
 from topdress.control.recordings.speed_unit import MOVING_MPS
@@ -77,7 +77,9 @@ class _RatePass(NamedTuple):
     speed_mps: float
 
 
-def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...], str]:
+def fit_rate_passes(
+    columns: Mapping[str, npt.NDArray[Any]],
+) -> tuple[tuple[AppliedVersusTarget, ...], str]:
     """Fit all passes together (first) and each pass, and return the fits with the reason for their
     absence ("" where there are fits).
 
@@ -116,13 +118,13 @@ def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[Rate
     ), ""
 
 
-def describe_rate_fit(fit: RateFit) -> str:
+def describe_rate_fit(fit: AppliedVersusTarget) -> str:
     """Describe a fit in a sentence."""
     where = f"over {fit.passes} passes" if fit.passes > 1 else "over one pass"
     return f"applied against target {where}: {describe_rate_value(fit)}"
 
 
-def describe_rate_value(fit: RateFit) -> str:
+def describe_rate_value(fit: AppliedVersusTarget) -> str:
     lag, gain = fit.lag, fit.gain
     late = (
         "lag not judged: the target changes too little"
@@ -246,7 +248,7 @@ def _calc_independent_share(passes: list[_RatePass]) -> float:
 
 def _fit_common_lag(
     number: int | None, passes: list[_RatePass], lags: Array, row_s: float
-) -> RateFit:
+) -> AppliedVersusTarget:
     """Fit `passes` with a common lag and a gain for each; number None means all passes of the
     data."""
     independent = _calc_independent_share(passes)
@@ -262,7 +264,7 @@ def _fit_common_lag(
     value, half, differ = _average_gain(passes, at, independent)
     mps = float(np.mean([one.speed_mps for one in passes]))
     place = None if lag.value is None or not np.isfinite(mps) else lag.value * mps
-    return RateFit(
+    return AppliedVersusTarget(
         number,
         len(passes),
         min(one.begin_s for one in passes),
@@ -293,7 +295,9 @@ def _estimate_lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
         if bend > 0.0
         else float(lags[best])
     )
-    below, above = (float(np.hypot(side, Z90 * row_s)) for side in (value - low, high - value))
+    below, above = (
+        float(np.hypot(side, TWO_SIDED_90_QUANTILE * row_s)) for side in (value - low, high - value)
+    )
     return Size(value, value - below, value + above, "s")
 
 

@@ -22,7 +22,7 @@ from topdress.control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
 )
 from topdress.control.diagnosis.extend import find_free_id
-from topdress.control.diagnosis.judgement.evidence import Z90, project_out_fixed
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE, project_out_fixed
 from topdress.control.diagnosis.judgement.prior import (
     MIN_LISTED_PROB,
     MIN_NAMED_PROB,
@@ -35,17 +35,17 @@ from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Channel,
-    Detectable,
+    DetectableSize,
     Diagnosis,
     Gain,
     NextRun,
-    NotShown,
     Rival,
     Size,
     SourceSummary,
     TermFound,
-    Unexplained,
     UnexplainedCurve,
+    UnexplainedStructure,
+    UnnamedEffect,
     Verdict,
 )
 from topdress.control.experiments.experiment import Experiment, choose_experiments
@@ -258,7 +258,7 @@ def _list_open_columns(one: GroupResult) -> _UnnamedCandidates:
     )
 
 
-def _list_not_shown(left: _UnnamedCandidates) -> list[NotShown]:
+def _list_not_shown(left: _UnnamedCandidates) -> list[UnnamedEffect]:
     """Return the smallest size at which each unnamed effect would have been named (Fisher
     information)."""
     search = left.search
@@ -272,9 +272,9 @@ def _list_not_shown(left: _UnnamedCandidates) -> list[NotShown]:
         machine, size = search.model.machine, best.get(effect_id, np.inf)
         most = max(map(abs, find_size_bounds(effect_id, machine)))
         found.append(
-            NotShown(
+            UnnamedEffect(
                 effect_id,
-                Detectable(size if size <= most else None, describe_unit(effect_id, machine)),
+                DetectableSize(size if size <= most else None, describe_unit(effect_id, machine)),
             )
         )
     return found
@@ -321,7 +321,7 @@ def make_report(
     rows = [row for one in judged for row in make_channel_rows(one, data)]
     gains: list[Gain] = []
     causes: list[Cause] = []
-    unexplained: list[Unexplained] = []
+    unexplained: list[UnexplainedStructure] = []
     for one in judged:
         rest = find_residual_structure(
             one, {name for each in read_off for name in EFFECT_ROWS[each.part.id].channels}
@@ -424,7 +424,7 @@ def make_report(
 
 
 def _choose_verdict(
-    rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]
+    rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[UnexplainedStructure]
 ) -> Verdict:
     if unexplained:
         return "unexplained"
@@ -459,7 +459,10 @@ def _describe_step_answer(one: GroupResult) -> list[str]:
 
 
 def _describe_cannot_tell(
-    channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]
+    channel: str,
+    absent: Sequence[UnnamedEffect],
+    named: Collection[str],
+    unexplained: Collection[str],
 ) -> str:
     """Describe what a log cannot tell of a channel in which no cause was found."""
     said = any(
@@ -479,11 +482,11 @@ def _describe_cannot_tell(
 
 def _list_invisible_effects(
     there: set[str], machine: Machine, shown: Collection[str]
-) -> list[NotShown]:
+) -> list[UnnamedEffect]:
     """Return effects that this log could not show at any size; those of effort only where a drive
     of this log has an effort column."""
     return [
-        NotShown(effect_id, Detectable(None, describe_unit(effect_id, machine)))
+        UnnamedEffect(effect_id, DetectableSize(None, describe_unit(effect_id, machine)))
         for effect_id, entry in CATALOGUE.items()
         if effect_id not in there
         and (
@@ -496,13 +499,13 @@ def _list_invisible_effects(
 
 def _list_unexplained(
     one: GroupResult, rest: Sequence[ResidualStructure], rows: Sequence[Channel], named: bool
-) -> list[Unexplained]:
+) -> list[UnexplainedStructure]:
     """Return the structure of a group that is neither noise nor named: its smooth dependence, or
     else the residual structure of its channels."""
     by_name = {row.channel: row for row in rows}
     if one.terms:
         return [
-            Unexplained(
+            UnexplainedStructure(
                 term.stage,
                 variable,
                 term.explained_share,
@@ -519,7 +522,7 @@ def _list_unexplained(
         return []
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
     return [
-        Unexplained(
+        UnexplainedStructure(
             r.channel,
             r.variable,
             max(0.0, 1.0 - (c.noise_floor / max(c.rmse, 1e-300)) ** 2),
@@ -537,8 +540,8 @@ def _list_unexplained(
 
 
 def _list_smooth_tables(one: GroupResult, data: RunData) -> list[UnexplainedCurve]:
-    """Return a smooth curve for each entry of `_unexplained`: the search's own, or the partial
-    dependence of each variable's term."""
+    """Return a smooth curve for each variable of each term: the partial dependence of the term on
+    the variable."""
     return [
         UnexplainedCurve(term.stage, variable, *average_marginal(term.term, variable, data))
         for term in one.terms
@@ -573,7 +576,7 @@ def _number_equal_terms(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
 
 def _make_direct_cause(seen: DirectDetection, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
-    half = Z90 * SIZE_ERROR * seen.sd
+    half = TWO_SIDED_90_QUANTILE * SIZE_ERROR * seen.sd
     low, high = max(0.0, seen.part.size - half), seen.part.size + half
     size = Size(seen.part.size, low, high, describe_unit(seen.part.id, machine))
     return Cause(
@@ -600,7 +603,7 @@ def _make_cause(
         size = Size(part.onset_s, *find_stop_interval(one.search.model, part), unit)
     else:
         sd = calc_total_sd(part, sd, machine)
-        low, high = part.size - Z90 * sd, part.size + Z90 * sd
+        low, high = part.size - TWO_SIDED_90_QUANTILE * sd, part.size + TWO_SIDED_90_QUANTILE * sd
         size = Size(part.size, low, high, unit)
     known = place.calc_probabilities(left)
     instead = [

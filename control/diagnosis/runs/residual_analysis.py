@@ -187,8 +187,8 @@ def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, da
 
     All variables together have the significance level of the other checks. Both series are whitened
     by the channel's noise, so that neighbouring samples are independent. A variable downstream of
-    the channel's own reading is no cause (`DOWNSTREAM`). A scale accumulates a variable's effect on
-    the flow.
+    the channel's own reading is no cause (`DOWNSTREAM_VARIABLES`). A scale accumulates a variable's
+    effect on the flow.
     """
     stage, whiten = (
         channel.name,

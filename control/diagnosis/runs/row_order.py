@@ -28,7 +28,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from .channels import ChannelSeries, make_channels
 from .hypothesis import EffectInstance, Schedule, list_stages, make_schedule
 from .log import CleanLog
-from .nominal_values import HALVINGS, MAX_OFFSET_SD
+from .nominal_values import MAX_OFFSET_SD, TIMING_HALVING_COUNT
 from .stages import make_run_data
 
 Array = npt.NDArray[np.float64]
@@ -218,7 +218,7 @@ def _climb_dead_time(
             for by_sd in (one.by_sd - step, one.by_sd + step)
             if abs(by_sd) <= MAX_OFFSET_SD
         ],
-        [0.5**k for k in range(HALVINGS)],
+        [0.5**k for k in range(TIMING_HALVING_COUNT)],
     )
 
 

@@ -18,7 +18,7 @@ from topdress.control.diagnosis.effects import (
     find_size_range,
 )
 from topdress.control.diagnosis.judgement.evidence import (
-    Z90,
+    TWO_SIDED_90_QUANTILE,
     ColumnRole,
     Fit,
     Problem,
@@ -356,7 +356,7 @@ class Search:
         )
         return best._replace(
             parts=replace_part(best.parts, k, part._replace(size=0.5 * (low + high))),
-            sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1 :]),
+            sd=(*best.sd[:k], 0.5 * (high - low) / TWO_SIDED_90_QUANTILE, *best.sd[k + 1 :]),
         )
 
     def refine_delays(self, found: FittedHypothesis) -> FittedHypothesis:

@@ -17,7 +17,7 @@ L - L' counts only as far as it is confirmed over blocks of time: g is the small
 (`whitened.calc_block_gain`). Without an effect in its place (pi'_j = 0), D is the worth of effect
 k. A posterior sums over the alternatives in an effect's place: the effect itself, each rival, an
 unknown cause, and none, with weights 1, exp(-D(M, rival)), exp(unknown), exp(-worth)
-(`InPlace.posterior`; Madigan and Raftery, JASA 89, 1994, 1535).
+(`Alternatives.calc_probabilities`; Madigan and Raftery, JASA 89, 1994, 1535).
 
 Forward steps add the best effect. Lateral steps replace an effect by another or change its time
 course. Backward steps remove effects that the others make superfluous (Miller 2002, Subset

@@ -18,7 +18,7 @@ from scipy.special import chdtrc
 from topdress.control.diagnosis.dataframe_input import load_machine, read_columns
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.judgement.checks import FALSE_ALARM_PROB
-from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
 from topdress.control.diagnosis.result import Diagnosis, Size
 from topdress.control.log_row import COMMANDS_HELD_EVENT, FILE_BEGINS
 from topdress.control.machine.machine import Machine
@@ -196,7 +196,7 @@ def _calc_cochran_p(sizes: Sequence[Size]) -> float:
     half = 0.5 * (
         np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes])
     )
-    weights = (Z90 / np.maximum(half, 1e-12)) ** 2
+    weights = (TWO_SIDED_90_QUANTILE / np.maximum(half, 1e-12)) ** 2
     mean = float(weights @ values) / float(weights.sum())
     return float(chdtrc(len(values) - 1, float(weights @ (values - mean) ** 2)))
 

@@ -17,7 +17,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, make_hopper_channel
 from .hopper import Hopper
-from .hypothesis import EffectInstance, Stages, make_schedule
+from .hypothesis import EffectInstance, StageParams, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -116,7 +116,7 @@ def interpolate_variable(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
-def calc_flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
+def calc_flow_change(hopper: Hopper, machine: Machine, base: StageParams, percent: Array) -> Array:
     """Return the change of the scale's reading from further per cent of the flow in each bin
     (m+1,): (m,)."""
     nothing = make_schedule(base, ())
@@ -134,7 +134,7 @@ def list_shape_series(
     unit: Array,
     *,
     data: RunData,
-    base: Stages,
+    base: StageParams,
     machine: Machine,
     own: Array | None = None,
 ) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.judgement import prior
 from topdress.control.diagnosis.judgement.evidence import (
-    Z90,
+    TWO_SIDED_90_QUANTILE,
     Column,
     ColumnLabel,
     ColumnRole,
@@ -492,7 +492,7 @@ def _make_term(
         middle = written.coefficients[form.kind.main]
         half = (
             abs(middle)
-            * Z90
+            * TWO_SIDED_90_QUANTILE
             * float(np.sqrt(max(fit.covariance[at, at], 0.0)) / max(abs(sizes[0]), 1e-300))
         )
         intervals = (Interval(form.kind.main, middle - half, middle + half),)

@@ -50,7 +50,7 @@ REFERENCES = {
     "wheel_speed_mps": "speed_mps",
 }
 # Share of the largest value, below which a ratio is mostly noise and dead zone.
-MIN_SHARE = 0.1
+MIN_REFERENCE_SHARE = 0.1
 # Values with a reference before and after a jump: fewer give no median.
 MIN_ROWS = 40
 # A jump by a unit's ratio is within this of it, natural logarithm: drives move by less in a row.
@@ -144,8 +144,8 @@ def find_unit_change(columns: Mapping[str, Array], name: str) -> UnitChange | No
 
 
 def _calc_deviations(ratios: Array, log_factor: float) -> Array:
-    """Return the sum of absolute deviations of ratios (k,) that are larger by a factor from each
-    place on (k + 1,). The median of all is that of the longer part."""
+    """Return for each place (k + 1,) the sum of absolute deviations of ratios (k,), if they are
+    larger by a factor from this place on. Their median is that of the longer part."""
     found = []
     for level in (0.0, log_factor):
         off = ratios - np.median(ratios) + level
@@ -155,8 +155,8 @@ def _calc_deviations(ratios: Array, log_factor: float) -> Array:
 
 
 def _calc_own_ratio(columns: Mapping[str, Array], name: str) -> tuple[npt.NDArray[np.int64], Array]:
-    """Return rows (k,) and the logarithm of a column over its reference there (k,); for a scale,
-    of its loss over the metered volume."""
+    """Return row numbers (k,) and, in these rows, log(column / reference) (k,). For the hopper
+    scale it is log(mass lost / volume metered)."""
     if name == "hopper_kg":
         metered = np.abs(columns["shaft_rpm"] * columns["opening_mm"])
         kept = np.flatnonzero(np.isfinite(metered) & np.isfinite(columns[name]))
@@ -167,7 +167,7 @@ def _calc_own_ratio(columns: Mapping[str, Array], name: str) -> tuple[npt.NDArra
         return pieces[good, 0], np.log(loss[good] / volume[good])
     values, reference = np.abs(columns[name]), np.abs(columns[REFERENCES[name]])
     rows = np.flatnonzero(
-        (reference > MIN_SHARE * np.nanmax(reference, initial=0.0)) & (values > 0.0)
+        (reference > MIN_REFERENCE_SHARE * np.nanmax(reference, initial=0.0)) & (values > 0.0)
     )
     return rows, np.log(values[rows] / reference[rows])
 

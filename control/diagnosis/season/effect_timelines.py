@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, ndtr
-from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
 from topdress.control.diagnosis.judgement.gaussian import Array
 
 from .change_points import NEIGHBOUR_GAPS, CoursePartition, LogStretch
@@ -145,7 +145,7 @@ def _make_season_cause(season: Season, number: int) -> SeasonCause:
         *season.levels.keys[cause.row],
         season.logs.names[cause.effect],
         float(whole @ mean),
-        Z90 * float(whole @ cov @ whole) ** 0.5,
+        TWO_SIDED_90_QUANTILE * float(whole @ cov @ whole) ** 0.5,
         float(expit(cause.log_odds)),
         len(cause.at),
         cause.alternatives,
@@ -158,7 +158,7 @@ def _make_season_cause(season: Season, number: int) -> SeasonCause:
     return found._replace(
         times_d=tuple(times_d.tolist()),
         sizes=tuple(sizes.tolist()),
-        halves=tuple((Z90 * variance**0.5).tolist()),
+        halves=tuple((TWO_SIDED_90_QUANTILE * variance**0.5).tolist()),
         pieces=tuple(
             _list_course_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance)
         ),
@@ -181,9 +181,11 @@ def _list_course_pieces(
         if one.kind == "line" and days > 0.0:
             per_day = float((last - first) @ mean) / days
             sd = float((last - first) @ cov @ (last - first)) ** 0.5 / days
-        halves = [Z90 * float(row @ cov @ row) ** 0.5 for row in (first, last)]
+        halves = [TWO_SIDED_90_QUANTILE * float(row @ cov @ row) ** 0.5 for row in (first, last)]
         if one.kind == "gone":
-            halves = [Z90 * float(np.sum(1.0 / variance[one.begin : one.end])) ** -0.5] * 2
+            halves = [
+                TWO_SIDED_90_QUANTILE * float(np.sum(1.0 / variance[one.begin : one.end])) ** -0.5
+            ] * 2
         yield CoursePiece(
             float(times_d[one.begin]),
             float(times_d[one.end - 1]),
@@ -272,7 +274,7 @@ def _list_effect_levels(season: Season, causes: Sequence[SeasonCause]) -> Iterat
             one = shown.get(key) or SeasonCause(
                 *key,
                 float(seen.score[row, effect] / precision),
-                Z90 * float(precision) ** -0.5,
+                TWO_SIDED_90_QUANTILE * float(precision) ** -0.5,
                 float(expit(seen.odds[row, effect])),
                 len(season.levels.logs[row]),
                 (),

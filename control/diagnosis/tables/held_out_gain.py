@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtr, stdtrit
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
 from topdress.control.diagnosis.judgement.prior import calc_detectable_size
-from topdress.control.diagnosis.result import Detectable, Gain, NotShown
+from topdress.control.diagnosis.result import DetectableSize, Gain, UnnamedEffect
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
 from .problem import TableProblem
@@ -122,11 +122,13 @@ def _calc_weighted_rms(values: Array, setting: IntArray, drawn: IntArray, rows: 
 
 def list_effects_not_shown(
     smallest: Mapping[str, float], shown: frozenset[str], machine: Machine
-) -> tuple[NotShown, ...]:
+) -> tuple[UnnamedEffect, ...]:
     """Return every effect of the catalogue that is neither named nor a rival (`shown`). None means
     that these rows cannot show the effect."""
     return tuple(
-        NotShown(effect_id, Detectable(smallest.get(effect_id), describe_unit(effect_id, machine)))
+        UnnamedEffect(
+            effect_id, DetectableSize(smallest.get(effect_id), describe_unit(effect_id, machine))
+        )
         for effect_id in CATALOGUE
         if effect_id not in shown
     )

@@ -23,7 +23,7 @@ from topdress.control.diagnosis.effects import (
     PLACE_LEVER_ARM,
     SHAFT_DEAD_TIME,
 )
-from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
 from topdress.control.diagnosis.judgement.prior import (
     MIN_LISTED_PROB,
     MIN_NAMED_PROB,
@@ -107,7 +107,10 @@ def _make_table_cause(problem: TableProblem, one: NamedEffect, speed: float | No
             *(Rival(r.id, 0.5 * r.probability) for r in rivals),
         )
     interval = Size(
-        size, size - Z90 * one.se, size + Z90 * one.se, describe_unit(candidate.id, problem.machine)
+        size,
+        size - TWO_SIDED_90_QUANTILE * one.se,
+        size + TWO_SIDED_90_QUANTILE * one.se,
+        describe_unit(candidate.id, problem.machine),
     )
     return Cause(
         candidate.id,

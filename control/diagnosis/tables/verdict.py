@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.diagnosis.judgement.prior import MIN_LISTED_PROB, MIN_NAMED_PROB
-from topdress.control.diagnosis.result import UNKNOWN, Unexplained, Verdict
+from topdress.control.diagnosis.result import UNKNOWN, UnexplainedStructure, Verdict
 
 from .held_out_gain import MIN_ROWS
 from .search import FittedModel, TableSearch
@@ -55,7 +55,7 @@ class TableVerdict(NamedTuple):
     model: FittedModel | None
     verdict: Verdict
     named: tuple[NamedEffect, ...]
-    unexplained: tuple[Unexplained, ...]
+    unexplained: tuple[UnexplainedStructure, ...]
     nothing: float
     unknown: float
     nearest: TableCandidate | None
@@ -135,7 +135,7 @@ def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect
     )
 
 
-def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
+def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[UnexplainedStructure, ...]:
     """Return the part of a model that no effect can be, with its share of the residual sum of
     squares after the model's effects."""
     if not model.is_unknown:
@@ -152,7 +152,7 @@ def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplai
                 shares[other.channel, other.variable] = (
                     shares.get((other.channel, other.variable), 0.0) + p
                 )
-        return (Unexplained(*max(shares, key=lambda key: shares[key]), share),)
+        return (UnexplainedStructure(*max(shares, key=lambda key: shares[key]), share),)
     most = int(
         np.argmax(
             [
@@ -161,4 +161,4 @@ def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplai
             ]
         )
     )
-    return (Unexplained(problem.pieces[most].channel, "", share),)
+    return (UnexplainedStructure(problem.pieces[most].channel, "", share),)

@@ -26,15 +26,15 @@ from topdress.console.app.pages.diagnosis.service import (
 from topdress.control.diagnosis.result import (
     Cause,
     Channel,
-    Detectable,
+    DetectableSize,
     Diagnosis,
     FieldCost,
     Gain,
     NextRun,
-    NotShown,
     Rival,
     Size,
     SourceSummary,
+    UnnamedEffect,
 )
 from topdress.control.machine.machine import CATALOGUE
 
@@ -149,7 +149,7 @@ def having(view: DiagnosisView, **changes: Any) -> DiagnosisView:
 
 def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
     """ambiguous: two causes, of which one has rivals; named: one; none: nothing."""
-    unseen = tuple(NotShown(f"effect.{k}", Detectable(None, "")) for k in range(17))
+    unseen = tuple(UnnamedEffect(f"effect.{k}", DetectableSize(None, "")) for k in range(17))
     view = DiagnosisView(
         "20260317-134500.csv",
         Diagnosis(

@@ -33,7 +33,7 @@ from topdress.console.locale import _
 from topdress.control.orders import State
 
 if TYPE_CHECKING:
-    from topdress.control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import ModelDeviation
 
 
 # One line shows how the machine deviates from its model, since when, and the probable cause.
@@ -47,7 +47,9 @@ class ModelCheck(Panel[tuple[str, ...]]):
         return [make_line((fit_text_width(text, width), "$warning" if text else ""))]
 
 
-def list_model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tuple[str, ...]:
+def list_model_check_texts(
+    found: ModelDeviation, frame: Frame, utc_offset_s: float
+) -> tuple[str, ...]:
     """Return the texts, fullest first; () while the machine turns.
 
     At work the cause matters more than the time. On hold, when the operator can act, the remedy
