@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from topdress.drivers.datagrams import Datagrams
 from topdress.drivers.device_status import DeviceStatus
-from topdress.drivers.devices.lines import SentenceCounts
+from topdress.drivers.devices.lines import Counts
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import Port
 
@@ -30,7 +30,7 @@ class DeviceLine:
     or datagrams."""
 
     def __init__(
-        self, name: str, protocol: str, port: Port, counts: SentenceCounts, baud: int | None = None
+        self, name: str, protocol: str, port: Port, counts: Counts, baud: int | None = None
     ) -> None:
         self.name = name
         self.port = port
@@ -125,7 +125,7 @@ class DeviceLine:
 class DatagramLine(DeviceLine):
     """Holds the line of a port that keeps datagrams apart."""
 
-    def __init__(self, name: str, protocol: str, port: Datagrams, counts: SentenceCounts) -> None:
+    def __init__(self, name: str, protocol: str, port: Datagrams, counts: Counts) -> None:
         super().__init__(name, protocol, port, counts)
         self._datagrams = port
 

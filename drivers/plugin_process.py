@@ -24,7 +24,7 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from topdress.control.readings import GnssFix
-from topdress.drivers.devices.lines import SentenceCounts
+from topdress.drivers.devices.lines import Counts
 from topdress.drivers.plain_text import join_lines
 from topdress.drivers.plugin_host import JSON_BYTES_ENCODING
 from topdress.drivers.plugins import Group, Plugin, PluginFault
@@ -174,7 +174,7 @@ class PluginDecoder:
 
     def __init__(self, name: str) -> None:
         """Starts the plug-in. Raises PluginFault."""
-        self.counts = SentenceCounts()
+        self.counts = Counts()
         self._name = name
         self._process = PluginProcess("devices", name)
         for do in ("load", "make"):
@@ -206,7 +206,7 @@ class PluginDecoder:
     def _read_fixes(self, given: Any) -> list[GnssFix]:
         try:
             counts = given["counts"]
-            self.counts = SentenceCounts(
+            self.counts = Counts(
                 int(counts["read"]),
                 int(counts["accepted"]),
                 _read_kind_counts(counts["rejected"]),
@@ -224,7 +224,7 @@ class PluginReceiver:
     returned by a later call."""
 
     def __init__(self, name: str) -> None:
-        self.counts = SentenceCounts()
+        self.counts = Counts()
         self._name = name
         self._session: _DecoderSession | None = None
 
@@ -263,7 +263,7 @@ class _DecoderSession:
         self._name = name
         self._pieces: deque[tuple[bytes, float]] = deque()
         self._waiting_bytes = 0
-        self._given: deque[tuple[list[GnssFix], SentenceCounts]] = deque()
+        self._given: deque[tuple[list[GnssFix], Counts]] = deque()
         self._changed = threading.Condition()
         self._is_ended = False
         self._decoder: PluginDecoder | None = None
@@ -278,7 +278,7 @@ class _DecoderSession:
                 self._waiting_bytes -= len(self._pieces.popleft()[0])
             self._changed.notify()
 
-    def take_fixes(self) -> tuple[list[GnssFix], SentenceCounts | None]:
+    def take_fixes(self) -> tuple[list[GnssFix], Counts | None]:
         """Returns the fixes that arrived, and the newest counts; None where no answer arrived."""
         given = [self._given.popleft() for _ in range(len(self._given))]
         return [fix for fixes, _ in given for fix in fixes], given[-1][1] if given else None

@@ -14,7 +14,7 @@ from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PRO
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
 from topdress.drivers.devices.device import LineDevice, Receiver, Record
-from topdress.drivers.devices.lines import SentenceCounts
+from topdress.drivers.devices.lines import Counts
 from topdress.drivers.devices.registry import list_line_devices, map_receivers
 from topdress.drivers.plugins import find_plugin
 
@@ -26,7 +26,7 @@ BYTES_PER_S = 960.0
 CHUNK_BYTES = 96
 
 
-def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], SentenceCounts]:
+def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     """Returns every accepted measurement of a capture under the run log's column names, and the
     counts by kind.
 
@@ -63,16 +63,16 @@ def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], SentenceCo
 
 def _decode_all(
     decoder: Any, to_record: Callable[[Any], Record], data: bytes
-) -> tuple[list[Record], SentenceCounts]:
+) -> tuple[list[Record], Counts]:
     readings = []
     for start in range(0, len(data), CHUNK_BYTES):
         readings += decoder.feed(data[start : start + CHUNK_BYTES], start / BYTES_PER_S)
     readings += decoder.flush(len(data) / BYTES_PER_S)
-    counts: SentenceCounts = decoder.counts
+    counts: Counts = decoder.counts
     return [to_record(reading) for reading in readings], counts
 
 
-def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], SentenceCounts]:
+def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
     """Returns the records and counts of a plug-in's decoder. Raises PluginFault."""
     from topdress.drivers.plugin_process import PluginDecoder
 
@@ -85,7 +85,7 @@ def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], SentenceCou
 
 def _decode_heads(
     layout: HeadFields, multiplexed: bool, data: bytes
-) -> tuple[list[Record], SentenceCounts]:
+) -> tuple[list[Record], Counts]:
     return _decode_all(
         HeadDecoder(layout, head=None if multiplexed else 1),
         lambda sample: {f"ndvi_{sample.head}": sample.ndvi},
@@ -99,16 +99,16 @@ def _make_fix_record(fix: GnssFix) -> Record:
     }
 
 
-def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], SentenceCounts]:
+def _decode_receiver(receiver: Receiver, data: bytes) -> tuple[list[Record], Counts]:
     return _decode_all(receiver.make_decoder(False), _make_fix_record, data)
 
 
-def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], SentenceCounts]:
+def _decode_line_device(device: LineDevice, data: bytes) -> tuple[list[Record], Counts]:
     assert device.make_record is not None
     return _decode_all(device.make_decoder(None), device.make_record, data)
 
 
-DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], SentenceCounts]]] = {
+DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     **{one.captured_as: partial(_decode_receiver, one) for one in map_receivers().values()},
     **{
         one.section: partial(_decode_line_device, one)

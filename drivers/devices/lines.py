@@ -16,7 +16,7 @@ class LineCutter:
     """Cuts a byte stream at CR and LF. A line longer than `longest` bytes is dropped and counted as
     rejected `overlong`."""
 
-    def __init__(self, counts: SentenceCounts, longest: int = 512) -> None:
+    def __init__(self, counts: Counts, longest: int = 512) -> None:
         self._counts = counts
         self._longest = longest
         self._rest = b""
@@ -47,7 +47,7 @@ class LineCutter:
 
 
 @dataclass(slots=True)
-class SentenceCounts:
+class Counts:
     """Counts the result of every sentence or frame: `read` = accepted + all rejected + all
     ignored."""
 
@@ -113,7 +113,7 @@ class Decoder(Generic[Output]):
     min_recognised: ClassVar[int] = 2
 
     def __init__(self) -> None:
-        self.counts = SentenceCounts()
+        self.counts = Counts()
 
     def _decode_and_count(self, sentence: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one sentence, and counts the sentence as accepted, rejected or

@@ -19,7 +19,7 @@ from topdress.drivers.devices.board_frames import (
     decode_valves,
     encode_valves,
 )
-from topdress.drivers.devices.lines import SentenceCounts
+from topdress.drivers.devices.lines import Counts
 
 # Counts of the real encoder per turn of the shaft; the board uses the number in its settings
 # instead.
@@ -77,7 +77,7 @@ class _PlantPins(Pins):
 class _CountingReceiver(Receiver):
     """Receives frames and counts the rejected frames by kind."""
 
-    def __init__(self, counts: SentenceCounts) -> None:
+    def __init__(self, counts: Counts) -> None:
         super().__init__()
         self._counts = counts
 
@@ -114,7 +114,7 @@ class VirtualBoard(SlaveProgram):
         opening_mm: float = 0.0,
         chance: Callable[[], int | None] = lambda: secrets.randbits(32),
     ) -> None:
-        self.counts = SentenceCounts()
+        self.counts = Counts()
         # Tests and fault injection set this flag.
         self.driver_fault = False
         self._plant = _PlantPins(chance, lambda: self.driver_fault)

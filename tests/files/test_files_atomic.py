@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from topdress.drivers.files import lock as lock_module
+from topdress.drivers.files import process_lock as lock_module
 from topdress.drivers.files.atomic_files import create_new_file, find_sidecar, write_atomically
 from topdress.drivers.files.process_lock import is_same_file, take_lock
 

@@ -13,7 +13,7 @@ from topdress.console.worker.requests import DeviceOrder
 from topdress.console.worker.side_files import SideFiles
 from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.devices.capture import extract_received
-from topdress.drivers.devices.lines import SentenceCounts
+from topdress.drivers.devices.lines import Counts
 from topdress.drivers.ports import make_memory_pair
 
 HEAD = b"0,0.5,0.512,0.61,0\r\n"
@@ -23,7 +23,7 @@ HEAD = b"0,0.5,0.512,0.61,0\r\n"
 def made(tmp_path):
     """A desk with one device: `head_1` on a memory line."""
     host, device = make_memory_pair("head_1")
-    line = DeviceLine("head_1", "greenseeker", host, SentenceCounts())
+    line = DeviceLine("head_1", "greenseeker", host, Counts())
     bench = SimpleNamespace(find_device_line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
     made = SimpleNamespace(
