@@ -54,7 +54,7 @@ def draw_faults(number: int, seed: int) -> list[Fault]:
     from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS
     from topdress.control.machine.machine import CATALOGUE, find_size_bounds
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     machine, rng = (
         load_config("huanghai", MACHINE_KIND).model,
@@ -93,7 +93,7 @@ def draw_tolerances(number: int, seed: int) -> dict[str, float]:
     from topdress.control.diagnosis.effects import EFFECT_ROWS
     from topdress.control.diagnosis.runs.model import find_tolerance
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     machine = load_config("huanghai", MACHINE_KIND).model
     rng = np.random.default_rng([seed, number, 1])

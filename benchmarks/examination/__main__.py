@@ -44,7 +44,7 @@ def calc_gain(machine: str | None, case: Any) -> float:
     import numpy as np
     from beyond_other_run import NOISE, errors_of, seen
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
     from topdress.drivers.files.read_log import read_log
 
     other = case.truth / "other.csv"

@@ -44,7 +44,7 @@ def diagnose_topdress(data: Path, machine: Path) -> Answer:
     from topdress.control.diagnosis.result import UNKNOWN
     from topdress.drivers.files.bench_table import read_bench_table
     from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.kinds import MACHINE_KIND
+    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     import topdress
 

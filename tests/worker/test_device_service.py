@@ -166,7 +166,7 @@ def test_a_silent_line_is_silent(made):
 def test_a_serial_line_is_tried_at_other_rates_but_not_under_work(made, monkeypatch, state, found):
     """What comes at the configured rate is rubbish; at 9600 Bd it is a head."""
     monkeypatch.setattr(
-        device_service.probe.probe_port, "__defaults__", (time.monotonic, time.sleep, 0.1)
+        device_service.protocol_probe.probe_port, "__defaults__", (time.monotonic, time.sleep, 0.1)
     )
     made.line.baud = 38400
     plugged = []
