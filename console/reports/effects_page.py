@@ -71,7 +71,7 @@ def _format_effect(entry: CatalogueEntry, machine: Machine) -> list[str]:
         "",
         f"**{effect.title}.** {effect.physics}",
         "",
-        f"- Size: {size}{member}. Seen in: {', '.join(effect.seen_in)}.",
+        f"- Unit: {size}{member}. Found in: {', '.join(effect.seen_in)}.",
         f"- Remedy: {effect.advice}",
         f"- Test: {effect.separate}",
         f"- Source: {effect.source}",

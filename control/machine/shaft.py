@@ -181,7 +181,7 @@ class Shaft(NamedTuple):
             "motor time constants near 0.3 s are published for such drives",
             ("run",),
             "Check brushes, supply cable and the drive's acceleration setting.",
-            "Steps of the shaft command up and down, both sizes.",
+            "Small and large steps of the shaft command up and down.",
             probes=(0.02,),
             says=(
                 "The shaft takes {size} s longer than it should to come to its speed.",
