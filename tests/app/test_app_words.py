@@ -146,7 +146,7 @@ def test_the_refusals_of_a_prescription_are_found():
         "csv_zones.py",
         "grid_from_points.py",
         "raster.py",
-        "map_layers.py",
+        "shape_layers.py",
         "isoxml_read.py",
         "task_files.py",
         "shapes.py",
