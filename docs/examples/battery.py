@@ -34,9 +34,14 @@ class BatteryDecoder(LineDecoder[Reading]):
         return [Reading(volts, time_s)]
 
 
+def make_sentence(volts: float) -> bytes:
+    """Returns a voltage as bytes."""
+    return seal_sentence(f"PTBAT,{volts:.2f}")
+
+
 def make_example() -> bytes:
     """Returns forty voltages."""
-    return b"".join(seal_sentence(f"PTBAT,{12.0 + tick / 100.0:.2f}") for tick in range(40))
+    return b"".join(make_sentence(12.0 + tick / 100.0) for tick in range(40))
 
 
 DEVICE = LineDevice(
@@ -48,4 +53,5 @@ DEVICE = LineDevice(
     find_measurements=lambda reading: {"supply_v": reading},
     make_record=lambda reading: {"supply_v": reading.value},
     make_example=make_example,
+    make_message=lambda sensed: make_sentence(sensed.supply_v),
 )

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 from topdress.control.frozen_model import FrozenModel
+from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.datagrams import validate_line_url
 from topdress.drivers.devices.lines import LineDecoder
 
@@ -95,6 +96,8 @@ class LineDevice(Device):
     find_measurements : the fields of `Measurements` that one message sets.
     make_record : the columns of one message in `topdress decode`; None: not decoded there.
     make_example : forty messages as the virtual device sends them.
+    make_message : the bytes that the virtual machine sends every `interval_s` for the readings of
+        its sensors; None: the virtual machine has no such line.
     """
 
     protocol: str
@@ -103,6 +106,8 @@ class LineDevice(Device):
     find_measurements: Callable[[Any], Mapping[str, Any]]
     make_example: Callable[[], bytes]
     make_record: Callable[[Any], Record] | None = None
+    make_message: Callable[[SensorReadings], bytes] | None = None
+    interval_s: float = 0.5
     heard_as: str = ""
     open_lines: Callable[[Any], Sequence[OpenLine]] = _open_no_line
 

@@ -17,6 +17,8 @@ from typing import NamedTuple
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.datagrams import Datagrams, UdpPort
 from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL
+from topdress.drivers.devices.device import LineDevice
+from topdress.drivers.devices.registry import list_line_devices
 from topdress.drivers.ports import (
     READ_TIMEOUT_S,
     Clock,
@@ -42,6 +44,7 @@ from topdress.drivers.virtual.machine import INITIAL_OPENING_MM, VirtualMachine
 from topdress.drivers.virtual.virtual_devices import (
     MachineExtra,
     VirtualAgOpenGps,
+    VirtualLine,
     VirtualRateModule,
 )
 
@@ -211,7 +214,7 @@ class ServeOptions:
             for name, there in (("rate_module", self.rate_module), ("agopengps", self.agopengps))
             if there
         ]
-        return ("gnss", *heads, "board", "gpsd", "lag_rig", *more)
+        return ("gnss", *heads, "board", "gpsd", "lag_rig", *_find_virtual_lines(), *more)
 
     def replace_faults(self, faults: Sequence[TimedFault]) -> ServeOptions:
         """Returns the same options with other faults."""
@@ -307,6 +310,7 @@ class ServedMachine:
             "lag_rig": "lag-rig/1",
             "rate_module": "rate-module/udp",
             "agopengps": "agopengps",
+            **{name: one.protocol for name, one in _find_virtual_lines().items()},
         }
         return tuple(
             ServedAddress(device, protocols.get(device, self._serve.protocol), url)
@@ -340,7 +344,8 @@ class ServedMachine:
     def _build_machine(self, plant: Plant, serve: ServeOptions) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
         lines: dict[str, ServedLine] = {}
-        for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):
+        own = _find_virtual_lines()
+        for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig", *own)):
             if device == "gpsd":
                 number = serve.first_port + place if serve.first_port else 0
                 terminal = (
@@ -356,6 +361,7 @@ class ServedMachine:
         extras: list[MachineExtra] = [
             VirtualGpsd(gpsd),
             VirtualLagRig(lines["lag_rig"], lambda: getattr(plant, "truth", None)),
+            *(VirtualLine(one, lines[name]) for name, one in own.items()),
         ]
         if serve.rate_module is not None:
             host, number = serve.rate_module
@@ -400,6 +406,11 @@ class ServedMachine:
     def _close_lines(self) -> None:
         for line in self._lines.values():
             line.close()
+
+
+def _find_virtual_lines() -> dict[str, LineDevice]:
+    """Returns the devices with a line of their own that the virtual machine has, by section."""
+    return {one.section: one for one in list_line_devices() if one.make_message is not None}
 
 
 def _describe_runaway(runs_away: DriveRunaway) -> str:

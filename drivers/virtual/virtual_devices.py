@@ -10,6 +10,7 @@ from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.datagrams import Datagrams
 from topdress.drivers.devices.agopengps import FRAME_HEADER, POSITION_ID, SPEED_ID
+from topdress.drivers.devices.device import LineDevice
 from topdress.drivers.devices.lines import IgnoredSentence, RejectedSentence
 from topdress.drivers.devices.rate_module_frames import (
     MAX_PWM,
@@ -26,6 +27,7 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_status,
     encode_trace,
 )
+from topdress.drivers.ports import Port
 
 # Interval of the status datagrams of a real module, s.
 STATUS_INTERVAL_S = 0.2
@@ -47,6 +49,21 @@ class MachineExtra:
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         """Takes the readings of the sensors after a step that began at `begin_s`."""
+
+
+class VirtualLine(MachineExtra):
+    """Sends the messages of a device with a line of its own."""
+
+    def __init__(self, device: LineDevice, port: Port) -> None:
+        self._device = device
+        self._port = port
+        self._due_s = 0.0
+
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
+        """Sends one message when it is due."""
+        if self._device.make_message is not None and begin_s >= self._due_s:
+            self._due_s = begin_s + self._device.interval_s
+            self._port.write(self._device.make_message(sensed))
 
 
 class VirtualAgOpenGps(MachineExtra):

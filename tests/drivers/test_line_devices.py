@@ -3,19 +3,28 @@ recognition, decode, the screen and the docs."""
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from topdress.console.app.pages.job.checklist import DEVICE_NAMES
 from topdress.console.locale.po_reader import read_po
-from topdress.control.readings import Measurements
+from topdress.control.field.job import Job
+from topdress.control.machine.machine import Machine
+from topdress.control.readings import AnnouncedSpeeds, Measurements
+from topdress.control.simulation.plant import Plant
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.device import LineDevice
 from topdress.drivers.devices.protocol_probe import recognise_protocol
 from topdress.drivers.devices.registry import list_devices, list_line_devices
-from topdress.drivers.ports import make_memory_pair
+from topdress.drivers.devices.tractor_speed import make_speed_sentence
+from topdress.drivers.ports import Port, make_memory_pair, open_port
+from topdress.drivers.virtual import served_machine
+
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,6 +51,39 @@ def test_a_device_is_taken_from_its_file(one: LineDevice) -> None:
     assert all(getattr(measured, name) is not None for name in fields)
     [status] = cab.list_device_status(0.0)
     assert (status.name, status.protocol, status.accepted) == (one.section, one.protocol, 40)
+
+
+def test_the_virtual_machine_serves_the_lines_that_devices_declare(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    speed = next(one for one in list_line_devices() if one.section == "tractor")
+    plan = AnnouncedSpeeds(0.0, ((0.0, 1.2), (1.5, 2.0)), 0.5)
+    own = replace(speed, make_message=lambda sensed: make_speed_sentence(plan))
+    found = [own, *(one for one in list_line_devices() if one.make_message is not None)]
+    monkeypatch.setattr(served_machine, "list_line_devices", lambda: found)
+    now_s = [0.0]
+    options = served_machine.ServeOptions(first_port=0)
+    machine = served_machine.ServedMachine(
+        Plant(Machine(), Job(), 1, 0.05), options, lambda: now_s[0]
+    )
+    try:
+        addresses = {one.device: one for one in machine.addresses}
+        for one in found:
+            assert addresses[one.section].protocol == one.protocol
+            port = open_port(addresses[one.section].url, 115200, time.monotonic)
+            data = b""
+
+            def heard(one: LineDevice = one, port: Port = port) -> bool:
+                nonlocal data
+                now_s[0] += 0.05
+                machine.advance_plant()
+                data += port.read()
+                return one.make_decoder(None).feed(data, 0.0) != []
+
+            wait_for(heard)
+            port.close()
+    finally:
+        machine.close()
 
 
 def test_a_device_has_its_name_and_its_place_in_the_docs() -> None:
