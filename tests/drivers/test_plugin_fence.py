@@ -159,7 +159,7 @@ def test_a_receiver_that_does_what_it_should_not_is_named_in_a_recording(install
         decode_capture(name, b"one line\n")
     said = str(fault.value)
     assert said.startswith(f"plug-in {name} of hostile: ") and DEVICES[name][1] in said
-    assert "\n" not in said and time.monotonic() - began_s < 5.0
+    assert "\n" not in said and time.monotonic() - began_s < 30.0
 
 
 @pytest.mark.parametrize("name", DEVICES)
