@@ -35,13 +35,13 @@ _BITS = np.array(CELL_DOT_BITS, dtype=np.uint8)
 # Palette entries: empty ground, ground passed without application, then a block of colour steps for
 # each kind of ground.
 EMPTY_ENTRY, PASSAGE_ENTRY = 0, 1
-# First entry of worked ground.
+# Palette index of the first colour of worked ground.
 DONE_ENTRY = 2
-# First entry of planned ground.
+# Palette index of the first colour of planned ground.
 PLAN_ENTRY = DONE_ENTRY + COLOUR_STEPS
-# First entry of ground from an overlaid file.
+# Palette index of the first colour of ground from an overlaid file.
 OVERLAY_ENTRY = PLAN_ENTRY + COLOUR_STEPS
-# First entry of worked ground on the trail behind the machine.
+# Palette index of the first colour of worked ground on the trail behind the machine.
 TRAIL_ENTRY = OVERLAY_ENTRY + COLOUR_STEPS
 ENTRY_COUNT = TRAIL_ENTRY + COLOUR_STEPS
 # Largest side of a cell, as a share of the pixel: below 1, every pixel contains the centre of a

@@ -380,9 +380,8 @@ def format_verdict_line(found: Diagnosis) -> str:
 
 
 def _describe_next_test(found: Diagnosis) -> str:
-    """Returns the next test, which comes first, because a name that the data cannot separate from
-    others is no headline. If no test of the program separates the rivals, their names come first,
-    with the remark that the data cannot decide."""
+    """Returns the headline while several causes are possible: the next test. If no planned test
+    separates them, the headline names them and says that the data cannot decide."""
     assert found.next_run is not None
     # A step without a duration, e.g. an inspection, has no minutes.
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""

@@ -250,7 +250,7 @@ def _write_adoption_offer(
     from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.config_kinds import MACHINE_KIND
 
-    # The drive's joint fit is adopted only if the operator selected it.
+    # The fit of several parameters of a drive at once is adopted only if the operator selected it.
     fitted = (
         found.fitted if found.fitted is not None and format_whole_id(found.fitted) in ids else None
     )

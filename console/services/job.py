@@ -364,8 +364,7 @@ class JobFiles:
             # A job whose source already uses a map keeps this source; any other job changes to the
             # map.
             source = target.source if target.source in MAP_SOURCES else TargetSource.MAP
-            # The mean rate belongs to source canopy alone: a job with a map and this key would be
-            # refused.
+            # Only source canopy may have `hold_mean_kg_ha`: a job with both is refused.
             changed = target.model_copy(
                 update={"map": str(place), "source": source, "hold_mean_kg_ha": None}
             )

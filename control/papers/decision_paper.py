@@ -54,7 +54,8 @@ MEAN_NDVI, CV_PERCENT = 0.51, 9.7
 CORRELATION_M = 6.0
 # Number of simulated trials.
 TRIAL_COUNT = 4
-# Number of draws of the fitting canopy: the mean's error is then a fifth of a draw's.
+# Number of random draws of the simulated canopy that fits the published changes best: the standard
+# error of the mean of 30 is a fifth of the spread of one.
 DRAW_COUNT = 30
 # Trial canopies: name, length of a plot in one pass, m (600 m2, or a third), and correlation length
 # of the readings, m.

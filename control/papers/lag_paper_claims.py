@@ -132,7 +132,7 @@ def list_table_claims(machine: Machine) -> list[Claim]:
     drop = calc_rms(
         MEAN_DROP_S[n] - first[n] + calc_response_s(machine, n) for n in LINE_SPEEDS_RPM
     )
-    # The columns are standing and moving.
+    # Each pair has the value of the standing tractor and that of the moving one.
     still, moving = (np.array([pair[k] for pair in RESPONSE_S.values()]) for k in (0, 1))
     apart = float((moving - still).mean())
     # 1.833 is the t quantile for nine degrees of freedom, 90 % two-sided.

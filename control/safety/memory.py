@@ -17,7 +17,7 @@ class Allowances(NamedTuple):
 
     reverse: bool = False
     outside: bool = False
-    # The permission also ends when the log works again.
+    # Whether work without a log is permitted. The permission also ends when the log works again.
     unlogged: bool = False
     # Whether the outside rate of a distant map is permitted.
     map_elsewhere: bool = False

@@ -53,8 +53,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Ridge of R, times the square root of the number of columns: the rounding error of identical
-# columns.
+# Addition to the diagonal of the scaled matrix R, of the order of the rounding error: R can then be
+# inverted with identical columns too.
 RIDGE_SHARE = 1e-10
 # Minimum information of a free column, to avoid a division by zero.
 MIN_INFORMATION = 1e-12

@@ -47,7 +47,7 @@ class LogRows(NamedTuple):
     # Measured speed, or the command where no reading exists, r/min.
     shaft_rpm: Array
     opening_mm: Array
-    # Opening between this row and the next that loads the shaft, mm.
+    # Opening that loads the shaft between this row and the next, mm.
     loads_mm: Array
     # Smoothed (`INPUT_SMOOTHING_S`), V.
     supply_v: Array

@@ -517,11 +517,11 @@ def _collect_form_doubts(
             found[row, number] = found.get((row, number), 0.0) + each
 
 
-def limit_gain_by_doubt(
+def calc_doubtful_gain(
     season: Season, doubts: dict[tuple[int, int], Array], gained: Array
 ) -> Array:
-    """Limit the gains (rows, q): for each cause no more than the error of its form may cause, and
-    no more than is gained in logs of the cause.
+    """Return the part of each gain (rows, q) that is in doubt: for each cause, at most what an
+    error of its form may cause, and only what was gained in logs of the cause.
 
     The gain of a level in other logs is not due to the cause.
     """
@@ -567,7 +567,7 @@ def _calc_effect_odds(
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
     shapes = np.stack([odds[:count], odds[rows : rows + count], odds[rows + count :]])
     odds[:count] = np.logaddexp.reduce(shapes, axis=0) - np.log(len(shapes))
-    return tau, odds[:rows] - limit_gain_by_doubt(
+    return tau, odds[:rows] - calc_doubtful_gain(
         season, doubts, odds[:rows] - np.where(np.isfinite(names[:rows]), names[:rows], 0.0)
     )
 
@@ -812,7 +812,7 @@ def judge_season_causes(season: Season) -> Season:
     for cause, (_, own), of_effects in zip(season.causes, tried, prior, strict=True):
         gained[cause.row, cause.effect] = own
         odds.append(own + float(of_effects[cause.effect]))
-    less = limit_gain_by_doubt(season, seen.doubts, gained)
+    less = calc_doubtful_gain(season, seen.doubts, gained)
     return season._replace(
         causes=tuple(
             cause._replace(

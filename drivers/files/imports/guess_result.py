@@ -95,8 +95,8 @@ class ColumnCandidate:
 
 
 def format_first_import(guess: ImportGuess, files: Sequence[Path], place: Path) -> str:
-    """Returns the text of the guess for the first of `files`, as written to `place`, with
-    instructions for its use."""
+    """Returns the import file that was guessed from the first of `files`, with the command that
+    uses it at its head; `place` is where it is saved."""
     return format_mapping(
         guess,
         [

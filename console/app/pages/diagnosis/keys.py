@@ -131,7 +131,7 @@ def explain_no_diagnosis(page: DiagnosisScreen) -> str:
 
 
 def explain_no_drive(page: DiagnosisScreen) -> str:
-    """Return why no separating run can be driven."""
+    """Return why no run that separates the causes can be driven; empty if one can."""
     return explain_no_diagnosis(page) or (
         ""
         if page.shown is not None and page.shown.drives

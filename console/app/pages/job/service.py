@@ -214,7 +214,7 @@ class JobService(Protocol):
         """Choose all files of a set for `restart_worker`, after a check."""
 
     def drop_choices(self) -> None:
-        """Drop the last choice, so that the next start uses the running files."""
+        """Drop the choices, so that the next start uses the running files."""
 
     def save_strip_value(self, strip: StripMean) -> str:
         """Write the job with a strip's NDVI, or without it, and return its path; the worker knows
