@@ -32,9 +32,23 @@ def advance_resting(
 ) -> tuple[ShaftState, GateState]:
     """Returns resting drives a step later."""
     return (
-        ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
+        ShaftState(
+            shaft.time_s + dt_s,
+            shaft.rpm,
+            shaft.line,
+            shaft.rpm_s,
+            shaft.held_rpm,
+            shaft.slides_rpm,
+            shaft.pulled_rpm,
+        ),
         GateState(
-            gate.time_s + dt_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm, gate.line
+            gate.time_s + dt_s,
+            gate.driven_mm,
+            gate.carried_mm,
+            gate.travelled_mm,
+            gate.line,
+            gate.held_mm,
+            gate.slides_mm,
         ),
     )
 
