@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from topdress.control.machine.effect import LONGEST_ANSWER
 from topdress.control.machine.machine import (
     CATALOGUE,
     Machine,
@@ -23,8 +22,6 @@ from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 
 # Ratio of a trial threshold to the next lower one.
 TRIAL_THRESHOLD_RATIO = 1.25
-# Ratio of a trial time to the next shorter one on a machine whose answers may be long.
-LONGER_RATIO = 2.5
 # Share of the highest shaft speed below which the shaft is commanded to stand.
 STANDING_SHAFT_SPEED_SHARE = 0.01
 
@@ -37,9 +34,6 @@ class FoundBy(Enum):
     # The column is fitted at sizes of a grid, because the effect acts on all commands below its
     # size.
     THRESHOLD = "threshold"
-    # The column is fitted at sizes of a grid up to the range of the drive's commands: beyond it a
-    # part that sticks never moves.
-    STICKING = "sticking"
     # The effect is never present from the start, so it is scanned over its onset time.
     ONSET = "onset"
     # A drive stands still to the end of the log.
@@ -110,17 +104,12 @@ class EffectRow:
     # Whether the effect is a loss or an excess, which is never smaller than the machine file's.
     only_adds: bool = False
     costs: CostKind = CostKind.DOSE
-    # Trial sizes beyond these on a machine whose answers may be long.
-    longer: tuple[float, ...] = ()
 
     def scale_to_machine(self, machine: Machine) -> EffectRow:
         """Return the row with sizes scaled to a machine's ranges."""
         scale = calc_size_scale(self.id, machine)
-        if CATALOGUE[self.id].effect.scales_with == LONGEST_ANSWER:
-            # A drive with long answers may also have short ones.
-            return replace(self, longer=_list_longer_times(self.tried, scale))
         tried = tuple(scale * size for size in self.tried)
-        if self.found_by is FoundBy.THRESHOLD:
+        if self.threshold:
             tried = (*_list_finer_thresholds(tried[0], machine), *tried)
         return replace(self, usual=scale * self.usual, tried=tried)
 
@@ -132,17 +121,17 @@ class EffectRow:
     @property
     def trial_sizes(self) -> tuple[float, ...]:
         """Trial sizes of an effect that is nonlinear in its size; empty for a linear effect."""
-        return (*self.tried, *self.longer) if len(self.tried) > 1 else ()
+        return self.tried if len(self.tried) > 1 else ()
 
     @property
     def threshold(self) -> bool:
         """Whether the effect has no slope and is searched for on a grid."""
-        return self.found_by in (FoundBy.THRESHOLD, FoundBy.STICKING)
+        return self.found_by is FoundBy.THRESHOLD
 
     @property
     def scanned(self) -> bool:
         """Whether the effect is permanent, and its column is fitted to the whole log."""
-        return self.found_by is FoundBy.SCAN or self.threshold
+        return self.found_by in (FoundBy.SCAN, FoundBy.THRESHOLD)
 
     @property
     def move_shaped(self) -> bool:
@@ -171,15 +160,6 @@ class EffectRow:
         return not (
             self.threshold or self.found_by is FoundBy.STEPS or CATALOGUE[self.id].effect.onset_only
         )
-
-
-def _list_longer_times(tried: tuple[float, ...], scale: float) -> tuple[float, ...]:
-    """Return trial times beyond the largest, s, up to the largest on a machine with answers that
-    are `scale` times as long."""
-    found, longest = [], tried[-1]
-    while (longest := longest * LONGER_RATIO) <= scale * tried[-1]:
-        found.append(longest)
-    return tuple(found)
 
 
 def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
@@ -301,17 +281,6 @@ SHAFT_COARSE_ENCODER = EffectRow(
     "shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=CostKind.NEITHER
 )
 SHAFT_STALL = EffectRow("shaft.stall", 1.0, found_by=FoundBy.STOP)
-# Stick bands of a per mille to a seventh of the range, a quarter apart.
-STICK_SIZES = tuple(round(0.1 * 1.25**k, 3) for k in range(23))
-SHAFT_STICTION = EffectRow(
-    "shaft.stiction",
-    2.0,
-    STICK_SIZES,
-    FoundBy.STICKING,
-    # A packing does not tighten within a run.
-    may_begin=False,
-    only_adds=True,
-)
 GATE_OFFSET = EffectRow("gate.offset", 1.5, (0.1,), form_over="opening_mm")
 GATE_HOME_ERROR = EffectRow("gate.home_error", 1.5, (0.1,), form_over="opening_mm")
 GATE_BACKLASH = EffectRow(
@@ -328,15 +297,6 @@ GATE_SLOW = EffectRow(
     needs=(LogRequirement.MOVES, LogRequirement.OPENINGS),
     moves="slew_mm_s",
     costs=CostKind.PLACE,
-)
-GATE_STICTION = EffectRow(
-    "gate.stiction",
-    0.8,
-    STICK_SIZES,
-    FoundBy.STICKING,
-    needs=(LogRequirement.MOVES, LogRequirement.OPENINGS),
-    may_begin=False,
-    only_adds=True,
 )
 GATE_STUCK = EffectRow("gate.stuck", 1.0, found_by=FoundBy.STOP)
 FLOW_GAIN = EffectRow("flow.gain", 6.0, (1.0,))
@@ -401,14 +361,12 @@ EFFECT_ROWS: dict[str, EffectRow] = {
         SHAFT_LOAD_DROOP,
         SHAFT_COARSE_ENCODER,
         SHAFT_STALL,
-        SHAFT_STICTION,
         GATE_OFFSET,
         GATE_HOME_ERROR,
         GATE_BACKLASH,
         GATE_LOST_STEPS,
         GATE_SLOW,
         GATE_STUCK,
-        GATE_STICTION,
         FLOW_GAIN,
         FLOW_ZERO_OFFSET,
         FLOW_FILL_FALLOFF,

@@ -56,7 +56,6 @@ def mark_compilable(piece: F) -> F:
 
 for _piece in (
     model_elements.put_in_line,
-    model_elements.move_sticking,
     model_elements.average_line,
     model_elements.read_held_line,
     model_elements.interpolate_table,

@@ -25,9 +25,9 @@ _SHAFT_FIELD_COUNT, _GATE_FIELD_COUNT, _FLOW_FIELD_COUNT = (
 )
 # Layout of the stored numbers: time, speed, newest and current index of the shaft; time, driven,
 # carried, travelled, newest and current index of the gate; two outputs of each; the flow's state;
-# the rate of change of the shaft's speed; stiction's state of the shaft (3) and of the gate (2).
-# The delay lines hold times and values of the shaft, then of the gate.
-_STATE_COUNT, _OUTPUT_INDEX, _HOPPER_INDEX, _SLOPE_INDEX, _HELD_INDEX = 24, 10, 14, 18, 19
+# the rate of change of the shaft's speed. The delay lines hold times and values of the shaft, then
+# of the gate.
+_STATE_COUNT, _OUTPUT_INDEX, _HOPPER_INDEX, _SLOPE_INDEX = 19, 10, 14, 18
 
 
 @mark_compilable
@@ -37,9 +37,6 @@ def _unpack_shaft(kept: Any, lines: Any) -> Any:
         kept[1],
         DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])),
         kept[_SLOPE_INDEX],
-        kept[_HELD_INDEX],
-        kept[_HELD_INDEX + 1],
-        kept[_HELD_INDEX + 2],
     )
 
 
@@ -51,8 +48,6 @@ def _unpack_gate(kept: Any, lines: Any) -> Any:
         kept[6],
         kept[7],
         DelayLine(lines[2], lines[3], int(kept[8]), int(kept[9])),
-        kept[_HELD_INDEX + 3],
-        kept[_HELD_INDEX + 4],
     )
 
 
@@ -71,9 +66,6 @@ def _pack_states(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> N
         gate.travelled_mm,
     )
     kept[_SLOPE_INDEX] = shaft.rpm_s
-    kept[_HELD_INDEX], kept[_HELD_INDEX + 1] = shaft.held_rpm, shaft.slides_rpm
-    kept[_HELD_INDEX + 2] = shaft.pulled_rpm
-    kept[_HELD_INDEX + 3], kept[_HELD_INDEX + 4] = gate.held_mm, gate.slides_mm
     kept[8], kept[9] = gate.line.newest, gate.line.in_force
     kept[10], kept[11], kept[12], kept[13] = (
         turned.rpm,

@@ -1,5 +1,5 @@
 """How does the metering gate follow its command? The model maps the command, mm, to true opening
-and displacement reading: dead time, slew rate, backlash, stiction, lost steps.
+and displacement reading: dead time, slew rate, backlash, lost steps.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import OPENING_RANGE, SLEW_RATE, Effect
-from .model_elements import DelayLine, make_line, move_sticking, put_in_line, read_held_line
+from .model_elements import DelayLine, make_line, put_in_line, read_held_line
 
 
 class Gate(NamedTuple):
@@ -25,7 +25,8 @@ class Gate(NamedTuple):
             "gate.offset",
             "mm, reading - true",
             "Gate sensor reads too wide or too narrow, always by the same",
-            "A shifted sensor reports a wrong opening; the flow follows the true one.",
+            "A shifted displacement sensor reports a wrong opening, and the flow follows "
+            "the true one.",
             "sensor mounting; usual 0.2-3 mm",
             ("run",),
             "Close the gate against its stop and set the sensor's zero.",
@@ -45,7 +46,8 @@ class Gate(NamedTuple):
             "gate.home_error",
             "mm, true - command",
             "Gate stands too wide or too narrow, always by the same",
-            "The stepper was homed in the wrong place: every position is off alike.",
+            "The stepper was homed in the wrong place, and every position is off by the "
+            "same amount.",
             "home switch; usual 0.2-3 mm",
             ("run",),
             "Home the gate again; check the home switch.",
@@ -83,8 +85,8 @@ class Gate(NamedTuple):
             "gate.lost_steps",
             "mm per 100 mm",
             "Opening falls behind with the distance moved",
-            "A stepper that skips steps under load is more closed after every move.",
-            "stepper under load",
+            "A stepper that skips steps under load stands a little more closed after every move.",
+            "stepper under load; found by comparing with the displacement sensor",
             ("run",),
             "Lower the stepper's speed, raise its current, clean the slide; home more often.",
             "Move often at one mean opening, then home.",
@@ -133,26 +135,6 @@ class Gate(NamedTuple):
             says=("The gate stopped moving {size} s into the run.",),
         ),
     ] = 0.0
-    stiction_mm: Annotated[
-        float,
-        Field(ge=0, le=500),
-        Effect(
-            "gate.stiction",
-            "mm of command",
-            "Gate sticks, then jumps",
-            "Static friction holds the gate until its command is far away, then it jumps there.",
-            "control valves: 0.3-10 % of the stroke (Choudhury, Thornhill and Shah 2005; He 2007)",
-            ("run",),
-            "Loosen the packing, clean the slide; until then move it seldom.",
-            "A slow ramp of the command both ways: it stands, then jumps.",
-            probes=(0.2, 0.5, 1.0, 2.0, 4.0),
-            bounds=(0.0, 15.0),
-            scales_with=OPENING_RANGE,
-            says=(
-                "The gate stands until its command has moved by {size} mm, then it jumps there.",
-            ),
-        ),
-    ] = 0.0
 
 
 class GateInput(NamedTuple):
@@ -173,10 +155,6 @@ class GateState(NamedTuple):
     carried_mm: float
     travelled_mm: float
     line: DelayLine
-    # Position of the gate behind stiction, mm.
-    held_mm: float = 0.0
-    # Last move while the gate slides, mm; 0 while it sticks.
-    slides_mm: float = 0.0
 
 
 class GateOutput(NamedTuple):
@@ -189,7 +167,7 @@ class GateOutput(NamedTuple):
 
 def make_gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
     """Returns a gate that stands at `opening_mm` under a constant command."""
-    return GateState(time_s, opening_mm, opening_mm, 0.0, make_line(opening_mm), opening_mm)
+    return GateState(time_s, opening_mm, opening_mm, 0.0, make_line(opening_mm))
 
 
 def step_gate(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
@@ -199,7 +177,6 @@ def step_gate(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateSta
     slew = max(0.0, p.slew_mm_s - p.slow_mm_s) * (1.0 - p.stuck)
     half = 0.5 * p.backlash_mm
     driven, carried, travelled = s.driven_mm, s.carried_mm, s.travelled_mm
-    held, slides = s.held_mm, s.slides_mm
     at_s, end_s = s.time_s - p.dead_time_s, s.time_s - p.dead_time_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = read_held_line(line, at_s, end_s)
@@ -211,18 +188,13 @@ def step_gate(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateSta
             move = -most
         driven += move
         travelled += abs(move)
-        before = carried
         if carried < driven - half:
             carried = driven - half
         if carried > driven + half:
             carried = driven + half
-        held, slides = move_sticking(p.stiction_mm, held, slides, carried, carried - before)
-        if abs(move) < most:
-            slides = 0.0
         at_s = until_s
-    true = held + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
+    true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
     true = min(p.full_mm, max(0.0, true + u.more_mm))
-    return (
-        GateState(s.time_s + dt_s, driven, carried, travelled, line, held, slides),
-        GateOutput(true, true + p.offset_mm),
+    return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(
+        true, true + p.offset_mm
     )

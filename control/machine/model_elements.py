@@ -122,18 +122,3 @@ def round_to_step(value: float, step: float) -> float:
     if step <= 0.0:
         return value
     return (value / step + 0.5) // 1.0 * step
-
-
-def move_sticking(
-    stick: float, held: float, slides: float, pulled: float, moved: float
-) -> tuple[float, float]:
-    """Returns where a sticking part stands and by how much it slides, after what pulls it moved by
-    `moved` to `pulled`.
-
-    It stands until the pull is `stick` away, jumps there, and slides along until the pull stops or
-    reverses (Choudhury, Thornhill and Shah, Control Engineering Practice 13, 2005, 641, with a slip
-    jump of the whole stick band).
-    """
-    if abs(pulled - held) >= (0.0 if slides * moved > 0.0 else stick):
-        return pulled, moved
-    return held, 0.0

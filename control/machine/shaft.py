@@ -1,5 +1,5 @@
-"""How does the metering shaft follow its command? The model maps r/min to r/min: dead time,
-stiction, dead band, supply and load, first or second order, acceleration limit.
+"""How does the metering shaft follow its command? The model maps r/min to r/min: dead time, dead
+band, supply and load, first or second order, acceleration limit.
 
 Commands and speeds have a sign. Below 0, or below the command at which the shaft stands, the shaft
 turns backwards, with its own gain and dead zone.
@@ -12,15 +12,8 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import LONGEST_ANSWER, SHAFT_RANGE, Effect
-from .model_elements import (
-    DelayLine,
-    make_line,
-    move_sticking,
-    put_in_line,
-    read_held_line,
-    round_to_step,
-)
+from .effect import SHAFT_RANGE, Effect
+from .model_elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
 
 # Minimum time constant of a machine file, s.
 MIN_TIME_CONSTANT_S = 1e-4
@@ -35,9 +28,6 @@ NO_STOP_RPM = -1e100
 # Number of bisection steps of the time at which the acceleration limit is reached: enough for full
 # precision.
 BISECTION_STEPS = 50
-# Number of bisection steps of the command at which a drive sticks at first: to a thousandth of the
-# stick band.
-HELD_BISECTION_STEPS = 10
 
 
 class Shaft(NamedTuple):
@@ -63,7 +53,8 @@ class Shaft(NamedTuple):
             "shaft.dead_zone",
             "r/min",
             "Shaft turns too slowly, by the same at every speed",
-            "Friction and the power stage take a constant part of every duty cycle away.",
+            "Friction and the power stage take a constant part of every duty cycle away, "
+            "either way.",
             "brushed motors by duty cycle: 5-25 % of the range",
             ("run",),
             "Let the drive hold its speed by an encoder, or adopt it: control then adds it "
@@ -82,8 +73,9 @@ class Shaft(NamedTuple):
             "shaft.saturation",
             "% lost at full speed",
             "Shaft falls the further behind its command the faster it turns",
-            "Load and the supply's resistance bend a motor's speed away from its duty cycle.",
-            "drives by duty cycle: 10-50 % at full speed",
+            "A motor's speed bends away from its duty cycle as load and the supply's "
+            "resistance grow.",
+            "robot and pump drives by duty cycle: 10-50 % at full speed",
             ("run",),
             "Let the drive hold its speed by an encoder, or adopt it: control then bends "
             "each command the other way.",
@@ -99,8 +91,11 @@ class Shaft(NamedTuple):
             "shaft.neutral",
             "r/min of command",
             "Shaft stands still at another command than zero",
-            "A servo's pulse, a middle voltage or an offset moves the command of standstill.",
-            "servos: 1.5 ms of 1 to 2 ms; converters: 512 of 0 to 1023",
+            "A servo's pulse, a converter's middle voltage or an offset of the power stage "
+            "moves the command at which "
+            "nothing turns.",
+            "servos: 1.5 ms of 1 to 2 ms; converters: 512 of 0 to 1023; offsets of power "
+            "stages: a few per cent",
             ("run",),
             "Trim the drive's zero, or adopt it: control then adds it to each command.",
             "A staircase of shaft commands through the one at which it stands, down to zero.",
@@ -121,7 +116,8 @@ class Shaft(NamedTuple):
             "shaft.back_gain",
             "%",
             "Shaft turns at another fraction of its command backwards than forwards",
-            "Brushes set for one direction, and the load, make a motor unlike either way.",
+            "Brushes that are set for one direction, and a load that helps or hinders, make "
+            "a motor unlike either way.",
             "two-way motors: a few per cent, worn ones 10 %",
             ("run",),
             "Check the brushes' timing and what the load does backwards.",
@@ -176,7 +172,7 @@ class Shaft(NamedTuple):
     ] = 0.0
     slow_s: Annotated[
         float,
-        Field(ge=-3600, le=3600),
+        Field(ge=-5, le=5),
         Effect(
             "shaft.slow",
             "s",
@@ -187,8 +183,6 @@ class Shaft(NamedTuple):
             "Check brushes, supply cable and the drive's acceleration setting.",
             "Small and large steps of the shaft command up and down.",
             probes=(0.02,),
-            bounds=(-5.0, 5.0),
-            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft takes {size} s longer than it should to come to its speed.",
                 "The shaft comes to its speed {size} s sooner than its data sheet says.",
@@ -197,14 +191,16 @@ class Shaft(NamedTuple):
     ] = 0.0
     second_order_s: Annotated[
         float,
-        Field(ge=0, le=3600),
+        Field(ge=0, le=5),
         Effect(
             "shaft.second_order",
             "s",
             "Shaft answers in second order: it overshoots, or sets off gradually",
-            "A tight speed controller swings beyond its command; a filter or a soft coupling "
-            "holds the start back.",
-            "T T2 s^2 + T s + 1 (Ogata 2010, ch. 5)",
+            "A speed controller tuned too tight swings beyond its command; a filter or a "
+            "soft coupling holds the start "
+            "back.",
+            "motor with electrical time constant, or controller that integrates: T T2 s^2 + "
+            "T s + 1 (Ogata 2010, ch. 5)",
             ("run",),
             "Where it overshoots: lower the gains of the speed controller. Where it sets "
             "off gradually: shorten its "
@@ -212,8 +208,6 @@ class Shaft(NamedTuple):
             "Single steps of the shaft command, up and down, in rows of a tenth of the time "
             "that it takes to settle.",
             probes=(0.02, 0.3),
-            bounds=(0.0, 5.0),
-            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft's speed follows through a second time constant of {size} s; "
                 "beyond a quarter of the first it "
@@ -228,8 +222,9 @@ class Shaft(NamedTuple):
             "shaft.ramp",
             "s to full speed",
             "Shaft changes its speed by a ramp, however large the step",
-            "A ramp setting, or all of a motor's torque, limits how fast its speed changes.",
-            "frequency inverters: 0.5-30 s to full speed by their setting",
+            "A drive's ramp setting, or a motor that gives all its torque, limits how fast "
+            "its speed changes.",
+            "frequency inverters and motor drivers: 0.5-30 s to full speed by their setting",
             ("run",),
             "Shorten the ramp in the drive's settings, or adopt it: control then knows how "
             "long a change takes.",
@@ -244,7 +239,7 @@ class Shaft(NamedTuple):
     ] = 0.0
     extra_dead_time_s: Annotated[
         float,
-        Field(ge=-600, le=1500),
+        Field(ge=-0.3, le=2),
         Effect(
             "shaft.dead_time",
             "s",
@@ -255,8 +250,6 @@ class Shaft(NamedTuple):
             "Look at the bus cycle and the drive's filter setting.",
             "Steps of the shaft command, large and small: a dead time is the same for both.",
             probes=(0.01,),
-            bounds=(-0.3, 2.0),
-            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft answers {size} s too late.",
                 "The shaft answers {size} s sooner than expected.",
@@ -318,7 +311,7 @@ class Shaft(NamedTuple):
             "shaft.coarse_encoder",
             "r/min",
             "Measured shaft speed comes in steps",
-            "Few encoder lines over a short gate give whole counts.",
+            "Few encoder lines counted over a short gate give a speed in whole counts.",
             "60 / (lines x gate time)",
             ("run",),
             "Use an encoder with more lines, or measure the period instead of counting.",
@@ -346,27 +339,6 @@ class Shaft(NamedTuple):
             says=("The shaft stopped {size} s into the run though it should have turned.",),
         ),
     ] = 0.0
-    stiction_rpm: Annotated[
-        float,
-        Field(ge=0, le=1e5),
-        Effect(
-            "shaft.stiction",
-            "r/min of command",
-            "Drive stands at its speed, then jumps",
-            "Static friction holds a valve until its command is far away, then it jumps there.",
-            "control valves: 0.3-10 % of the range (Choudhury, Thornhill and Shah 2005; He 2007)",
-            ("run",),
-            "Loosen or renew the packing, clean the spindle, fit a positioner.",
-            "A slow ramp of the command both ways, in open loop.",
-            probes=(0.2, 0.5, 1.0, 2.0, 4.0, 8.0),
-            bounds=(0.0, 20.0),
-            scales_with=SHAFT_RANGE,
-            says=(
-                "The drive stands until its command has moved by {size} r/min, then it jumps "
-                "there.",
-            ),
-        ),
-    ] = 0.0
 
 
 class ShaftInput(NamedTuple):
@@ -389,11 +361,6 @@ class ShaftState(NamedTuple):
     line: DelayLine
     # Rate of change of the speed of a second-order shaft, r/min per second.
     rpm_s: float = 0.0
-    # Command at which a sticking drive stands, last change of its command while it follows (0 while
-    # it sticks), and the command itself, r/min.
-    held_rpm: float = 0.0
-    slides_rpm: float = 0.0
-    pulled_rpm: float = 0.0
 
 
 class ShaftOutput(NamedTuple):
@@ -406,7 +373,7 @@ class ShaftOutput(NamedTuple):
 
 def make_shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
     """Returns a shaft in a steady state at `rpm`, under a constant command."""
-    return ShaftState(time_s, rpm, make_line(rpm), 0.0, rpm, 0.0, rpm)
+    return ShaftState(time_s, rpm, make_line(rpm))
 
 
 def step_first_order(
@@ -672,15 +639,9 @@ def step_shaft(
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = put_in_line(s.line, s.time_s, u.command_rpm)
     rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s
-    held, slides, pulled = s.held_rpm, s.slides_rpm, s.pulled_rpm
     while at_s < end_s:
         line, wanted, until_s = read_held_line(line, at_s, end_s)
-        if wanted == 0.0 and p.zero_stops > 0.0:
-            held, slides = wanted, 0.0
-        elif wanted != pulled:
-            held, slides = move_sticking(p.stiction_rpm, held, slides, wanted, wanted - pulled)
-        pulled = wanted
-        beyond = calc_effective_command_rpm(p, held)
+        beyond = calc_effective_command_rpm(p, wanted)
         goal = turns * calc_settled_rpm(p, beyond)
         # Terms have the sign of the speed; no term reverses it.
         if goal > 0.0:
@@ -688,24 +649,6 @@ def step_shaft(
             goal = way * max(0.0, goal + way * u.more_rpm)
         rpm, rate = follow_command(p, rpm, rate, goal, until_s - at_s)
         at_s = until_s
-    return (
-        ShaftState(s.time_s + dt_s, rpm, line, rate, held, slides, pulled),
-        ShaftOutput(rpm, round_to_step(rpm, p.encoder_step_rpm)),
+    return ShaftState(s.time_s + dt_s, rpm, line, rate), ShaftOutput(
+        rpm, round_to_step(rpm, p.encoder_step_rpm)
     )
-
-
-def find_held_command_rpm(p: Shaft, u: ShaftInput, reading_rpm: float) -> float:
-    """Returns the command at which a sticking drive stands, r/min, by its reading: within the stick
-    band about its command."""
-    low, high = u.command_rpm - p.stiction_rpm, u.command_rpm + p.stiction_rpm
-    turns = calc_speed_factor(p, u)
-    for _ in range(HELD_BISECTION_STEPS):
-        middle = 0.5 * (low + high)
-        beyond = calc_effective_command_rpm(p, middle)
-        rpm = turns * calc_settled_rpm(p, beyond) * (-1.0 if beyond < 0.0 else 1.0)
-        # The speed decreases with the command where the gain turns the sign.
-        if (rpm < reading_rpm) == (p.gain_percent >= -100.0):
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)

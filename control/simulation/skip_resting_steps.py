@@ -32,23 +32,9 @@ def advance_resting(
 ) -> tuple[ShaftState, GateState]:
     """Returns resting drives a step later."""
     return (
-        ShaftState(
-            shaft.time_s + dt_s,
-            shaft.rpm,
-            shaft.line,
-            shaft.rpm_s,
-            shaft.held_rpm,
-            shaft.slides_rpm,
-            shaft.pulled_rpm,
-        ),
+        ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
         GateState(
-            gate.time_s + dt_s,
-            gate.driven_mm,
-            gate.carried_mm,
-            gate.travelled_mm,
-            gate.line,
-            gate.held_mm,
-            gate.slides_mm,
+            gate.time_s + dt_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm, gate.line
         ),
     )
 

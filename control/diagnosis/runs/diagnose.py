@@ -38,13 +38,12 @@ from .findings import (
     note_hardly_read,
     note_reverse_turning,
     note_unloaded_flanks,
-    note_unread_efforts,
     note_unsure_drives,
     note_whole_log,
 )
 from .hypothesis import Hypothesis
 from .intermittent import DirectDetection, remove_spells
-from .log import CleanLog, clean_run_log, fit_answers_to_log
+from .log import CleanLog, clean_run_log
 from .model import CHANNEL_GROUPS
 from .quantised import correct_steps
 from .rates import describe_rate_fit, fit_rate_passes
@@ -208,8 +207,7 @@ def diagnose_run(
     >>> found.gain[0].after < 0.9 * found.gain[0].before
     True
     """
-    given = read_columns(columns)
-    of = fit_answers_to_log(load_machine(machine), given)
+    given, of = read_columns(columns), load_machine(machine)
     found = judge_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
     misspelt = find_misspelt_columns(given)
     return replace(
@@ -246,15 +244,13 @@ def judge_run(
             raise Cancelled from error
 
     step(0.0, "data")
-    machine = fit_answers_to_log(machine, columns)
     log, data, read_off = prepare_log(columns, machine)
     findings = [
         *log.findings,
         *note_reverse_turning(log, machine),
-        *note_unsure_drives(log, data, machine),
+        *note_unsure_drives(log, data),
         *note_hardly_read(log, data),
         *note_effort_inputs(log, machine),
-        *note_unread_efforts(columns, data),
         *note_doubted_units(data, machine),
         *note_unloaded_flanks(data, machine),
     ]

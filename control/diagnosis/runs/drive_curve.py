@@ -23,13 +23,12 @@ from topdress.control.diagnosis.effects import (
     SHAFT_SATURATION,
     SHAFT_SECOND_ORDER,
     SHAFT_SLOW,
-    SHAFT_STICTION,
     find_size_range,
 )
 from topdress.control.machine.shaft import calc_time_constant_s
 
 from .hypothesis import EffectInstance, Hypothesis
-from .search import Search, find_command_range
+from .search import Search
 
 # Frequency and damping of one step response.
 SECOND_ORDER_IDS = (SHAFT_SLOW.id, SHAFT_SECOND_ORDER.id)
@@ -58,8 +57,6 @@ TRIAL_FREQUENCIES = np.geomspace(0.1, 10.0, 16)
 TRIAL_DAMPINGS = (0.1, 0.3, 0.8, 2.0)
 # Number of best starts that are fitted.
 FITTED_START_COUNT = 2
-# Trial stick bands, as shares of the range of the commands.
-TRIAL_STICKS = np.linspace(0.05, 0.95, 19)
 
 
 def list_multi_effect_hypotheses(
@@ -83,12 +80,6 @@ def list_multi_effect_hypotheses(
         yield from _list_second_order_starts(
             search,
             tuple(part for part in now if part.id not in (*SECOND_ORDER_IDS, SHAFT_DEAD_TIME.id)),
-        )
-    if SHAFT_STICTION.id in tried - names:
-        yield from _list_stiction_starts(
-            search,
-            tuple(part for part in now if part.id not in (SHAFT_SLOW.id, SHAFT_DEAD_TIME.id)),
-            SHAFT_SLOW.id in tried,
         )
     if now and not model.find_channel("shaft").settled:
         # A log of moves shows the effects of a curve separately as well, so a single joint start is
@@ -133,25 +124,3 @@ def _list_second_order_starts(search: Search, others: Hypothesis) -> list[Hypoth
             )
         )
     return [parts for _, parts in sorted(found, key=lambda one: one[0])[:FITTED_START_COUNT]]
-
-
-def _list_stiction_starts(search: Search, others: Hypothesis, lags: bool) -> list[Hypothesis]:
-    """Return the best starts of a drive that sticks and, of a drive alone, answers slowly.
-
-    A jump is seen where the lag after it is known, and the lag where the jump is known. The
-    criterion is that of noise that drifts: squares of the residual's differences.
-    """
-    model, row = search.model, SHAFT_SLOW.scale_to_machine(search.model.machine)
-    part = EffectInstance(SHAFT_STICTION.id, 0.0)
-    times_s = (0.0, *row.trial_sizes) if lags and row.longer else (0.0,)
-    sticks = find_command_range(part, model.data) * TRIAL_STICKS
-    measured = model.find_channel("shaft").measured
-    found = []
-    for stick, time_s in product((0.0, *sticks.tolist()), times_s):
-        lag = (EffectInstance(SHAFT_SLOW.id, time_s),) if time_s > 0.0 else ()
-        parts = (*others, *lag, *((part._replace(size=stick),) if stick > 0.0 else ()))
-        left = measured - model.run_model(parts, only=("shaft",))["shaft"]
-        found.append((float(np.sum(np.diff(left) ** 2)), stick, parts))
-    free = min(square for square, stick, _ in found if stick == 0.0)
-    best = sorted((one for one in found if one[1] > 0.0), key=lambda one: one[0])
-    return [parts for square, _, parts in best[:FITTED_START_COUNT] if square < free]

@@ -4,11 +4,9 @@ logs over their whole length.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit
 from topdress.control.diagnosis.effects import EFFECT_ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
 from topdress.control.diagnosis.judgement.prior import (
@@ -25,10 +23,8 @@ from .channels import make_drive_channel
 from .drives import (
     EQUAL_COMMAND_MM,
     Drive,
-    LeftReason,
     find_reverse_rows,
     find_zero_command_rotation,
-    list_left_rows,
     measure_zero_offset,
     read_whole_drives,
 )
@@ -50,17 +46,6 @@ TICK_S = 0.05
 MIN_DIRECTION_SHARE = 0.05
 # Share of missing rows from which a finding reports them.
 MIN_LOST_SHARE = 0.01
-# Share of a drive's rows that are left out from which a finding says why.
-MIN_LEFT_SHARE = 0.1
-
-
-_LEFT_WORDS = {
-    LeftReason.UNREAD: "its reading is unknown",
-    LeftReason.STANDS: "it stands as commanded",
-    LeftReason.LOST: "what was commanded between rows is not in the log",
-    LeftReason.REVERSE: "it turns backwards, or at a command of 0, which its file does not allow",
-    LeftReason.REPEATED: "it moves, and its reading only repeats the row before",
-}
 
 
 def note_whole_log(log: CleanLog, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
@@ -242,9 +227,9 @@ def note_doubted_units(data: RunData, machine: Machine) -> list[str]:
     ]
 
 
-def note_unsure_drives(log: CleanLog, data: RunData, machine: Machine) -> list[str]:
-    """Return findings about drives with hardly a valid row, and about each tenth of a drive's rows
-    that is left out, with why."""
+def note_unsure_drives(log: CleanLog, data: RunData) -> list[str]:
+    """Return findings about drives with hardly a valid row, because commands between rows are
+    missing or the computer was late."""
     late = [
         f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows "
         "are missing, and those "
@@ -252,24 +237,13 @@ def note_unsure_drives(log: CleanLog, data: RunData, machine: Machine) -> list[s
         for word, drive in (("shaft", data.shaft), ("gate", data.gate))
         if drive is not None and drive.left_out
     ]
-    rows, reasons = len(log.time_s), list_left_rows(log, machine)
-    for word, drive in (("shaft", data.shaft), ("gate", data.gate)):
-        if word not in log.stages:
-            continue
-        left = {why: int(there.sum()) for why, there in reasons[word].items()}
-        if drive is None:
-            most = max(left, key=lambda why: left[why])
-            late.append(
-                f"stage {word} is left out: hardly a row can be judged: {_LEFT_WORDS[most]} in "
-                f"{left[most]} of {rows} rows"
-            )
-        else:
-            late += [
-                f"stage {word}: {count} of {rows} rows are not judged: {_LEFT_WORDS[why]}"
-                for why, count in left.items()
-                if why != LeftReason.STANDS and count > MIN_LEFT_SHARE * rows
-            ]
-    return late
+    return late + [
+        f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command "
+        "changes between "
+        "nearly all of them: what was commanded in between is not in the log"
+        for word, drive in (("shaft", data.shaft), ("gate", data.gate))
+        if word in log.stages and drive is None
+    ]
 
 
 def note_hardly_read(log: CleanLog, data: RunData) -> list[str]:
@@ -289,21 +263,6 @@ def note_effort_inputs(log: CleanLog, machine: Machine) -> list[str]:
         f"{name} is left out: it depends on {' and '.join(missing)}, and the log has no such column"
         for name in EFFORT_CHANNELS
         if name in log.stages and (missing := list_missing_inputs(name, log, machine))
-    ]
-
-
-def _has_numbers(values: npt.NDArray[Any]) -> bool:
-    return values.dtype.kind in "fiub" and bool(np.isfinite(values.astype(np.float64)).any())
-
-
-def note_unread_efforts(columns: Mapping[str, npt.NDArray[Any]], data: RunData) -> list[str]:
-    """Return findings about columns of effort that no stage reads."""
-    read = {{"effort": "shaft_effort"}.get(one.name, one.name) for one in data.efforts}
-    return [
-        f"column {name} is read by no stage: the machine file has no effort of its sound drive; "
-        "topdress calibrate effort writes it from a log of one"
-        for name, values in columns.items()
-        if name.endswith("_effort") and name not in read and _has_numbers(values)
     ]
 
 

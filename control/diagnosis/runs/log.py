@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, EFFORT_COLUMNS
-from topdress.control.machine.machine import Machine, allow_long_answers
 from topdress.control.orders import State
 from topdress.control.recordings.column_repair import mend_recording
 from topdress.control.recordings.finding import Finding
@@ -86,10 +85,6 @@ UNREAD_COLUMNS = frozenset(COLUMNS) - {
 }
 # Columns that determine the unit of a speed.
 UNIT_COLUMNS = ("time_s", "lat_deg", "lon_deg")
-# Speed below which a machine stands, m/s: the noise of a receiver.
-STANDING_MPS = 0.05
-# Longest answer of a drive alone as a share of its log.
-LONGEST_ANSWER_SHARE = 0.25
 # Minimum number of rows of a log.
 MIN_ROWS = 40
 # Minimum number of rows of settled answers: each is a mean, and a rising staircase has this many
@@ -343,13 +338,7 @@ def clean_run_log(
         found["shaft_rpm"] = _reject_frozen("shaft_rpm", found["shaft_rpm"], never, findings)
     stood = _is_standing_still(found)
     if stood and (has("speed") or has("heads")):
-        fastest = _calc_fastest_mps(found)
-        moved = (
-            "stood all the time"
-            if fastest < STANDING_MPS
-            else f"drove at {fastest:.2g} m/s at most, too slowly to tell speeds from noise"
-        )
-        findings.append(f"the machine {moved}: its speeds and canopy heads are left out")
+        findings.append("the machine stood all the time: its speeds and canopy heads are left out")
     stages = []
     for stage, needed in REQUIRED_COLUMNS.items():
         if not has(stage) or (stood and stage in ("speed", "heads")):
@@ -472,30 +461,11 @@ def _reject_frozen(name: str, values: Array, why: str, findings: list[str]) -> A
 
 
 def _is_standing_still(found: dict[str, Array]) -> bool:
-    """Tell whether the machine hardly moved.
+    """Tell whether the machine never moved, single outliers ignored.
 
     Wheel and GNSS then show only their noise, and each head only its own piece of canopy.
     """
-    return _calc_fastest_mps(found) < MOVING_MPS
-
-
-def _calc_fastest_mps(found: dict[str, Array]) -> float:
-    """Return the highest speed, m/s, single outliers ignored; infinite where none is recorded."""
-    return max(
-        (
-            float(np.nanquantile(found[name], 0.98))
-            for name in ("speed_mps", "wheel_speed_mps")
-            if np.isfinite(found[name]).any()
-        ),
-        default=np.inf,
-    )
-
-
-def fit_answers_to_log(machine: Machine, columns: Mapping[str, npt.NDArray[Any]]) -> Machine:
-    """Return a drive alone whose answers may last up to LONGEST_ANSWER_SHARE of a log: a longer
-    time does not settle within it."""
-    time_s = np.asarray(columns.get("time_s", np.zeros(1)), np.float64)
-    time_s = time_s[np.isfinite(time_s)]
-    return allow_long_answers(
-        machine, LONGEST_ANSWER_SHARE * float(np.ptp(time_s)) if len(time_s) else 0.0
-    )
+    known = [
+        found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()
+    ]
+    return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVING_MPS for speed in known)

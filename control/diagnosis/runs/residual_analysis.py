@@ -12,7 +12,7 @@ from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.effects import EFFECT_ROWS, FoundBy
+from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.checks import (
     FALSE_ALARM_PROB,
     calc_correlation_p,
@@ -60,8 +60,6 @@ class ResidualStructure(NamedTuple):
     expected: float = 0.0
     # Recorded variable on which the residual depends; tested only where nothing else was found.
     variable: str = ""
-    # Weights of the coefficients, (m,) or one for all.
-    weight: Array | float = 1.0
 
     @property
     def energy(self) -> float:
@@ -73,33 +71,18 @@ def calc_unknown_prob(one: GroupResult, k: int, rest: Collection[ResidualStructu
     structure in their residual.
 
     The probability is the share of that structure which the model with the effect does not remove.
-    A part that sticks leaves jumps, which no drift and no lag imitates: they are weighed by the
-    noise that the found model leaves, as the odds are.
     """
     if not rest:
         return 0.0
-    if EFFECT_ROWS[one.found.parts[k].id].found_by is FoundBy.STICKING:
-        rest = [_whiten_structure(one, each) for each in rest]
     trace = one.search.columns.make_effect_column(one.found.parts, k).coefficients
     share = 0.0
     for each in rest:
         if each.channel in trace:
-            own = trace[each.channel] * each.weight
-            without = float(np.sum((each.rest + own) ** 2)) - each.expected
+            without = float(np.sum((each.rest + trace[each.channel]) ** 2)) - each.expected
             share = max(
                 share, min(1.0, max(0.0, each.energy - each.expected) / max(1e-300, without))
             )
     return share
-
-
-def _whiten_structure(one: GroupResult, each: ResidualStructure) -> ResidualStructure:
-    """Return a structure in standard deviations of the noise that the found model leaves."""
-    channel = next(c for c in one.search.model.channels if c.name == each.channel)
-    variances = calc_coefficient_variances(
-        one.found.noise[channel.name], channel.prior, channel.cut, channel.grid.step_s
-    )
-    weight = 1.0 / np.sqrt(variances)
-    return each._replace(rest=each.rest * weight, expected=float(len(weight)), weight=weight)
 
 
 def find_residual_structure(

@@ -66,8 +66,6 @@ LAST_STEP_SD = 0.5
 LAST_STEP_SHARE = 1e-6
 # Number of trial thresholds over the range of commands.
 THRESHOLD_COUNT = 16
-# Number of edges of trial stick bands over the range of commands.
-STICK_EDGES = 129
 # Drop of twice the log-likelihood at the ends of a 90 % interval (chi-square, one degree of
 # freedom).
 INTERVAL_DROP = 2.7
@@ -322,12 +320,7 @@ class Search:
         """
         k = next(k for k, part in enumerate(found.parts) if EFFECT_ROWS[part.id].threshold)
         part = found.parts[k]
-        sticks = EFFECT_ROWS[part.id].found_by is FoundBy.STICKING
-        edges = (
-            np.linspace(0.0, find_command_range(part, self.model.data), STICK_EDGES)
-            if sticks
-            else self._list_commands_between(*find_size_range(part.id, self.model.machine))
-        )
+        edges = self._list_commands_between(*find_size_range(part.id, self.model.machine))
         tried: dict[int, FittedHypothesis] = {}
 
         def value(place: int) -> float:
@@ -339,14 +332,12 @@ class Search:
 
         last = len(edges) - 2
         here, first = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
-        beside = sorted(one.id for one in found.parts) if sticks else ""
-        course = f"{part.id} {part.onset_s} {beside}"
+        course = f"{part.id} {part.onset_s}"
         # A plateau has no slope, so the whole range is searched once.
         if course not in self._all_over:
             self._all_over.add(course)
             places = np.unique(np.linspace(0, last, THRESHOLD_COUNT).astype(int)).tolist()
-            stood = [] if sticks else [self._find_standing_edge(edges, part.onset_s)]
-            here = max([here, *places, *stood], key=value)
+            here = max([here, *places, self._find_standing_edge(edges, part.onset_s)], key=value)
             first = max(1, last // THRESHOLD_COUNT)
         here = climb_to_best(
             here,
@@ -359,8 +350,9 @@ class Search:
         as_good = [place for place in tried if value(place) > value(here) - 0.5 * INTERVAL_DROP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
+        lowest, highest = find_size_range(part.id, self.model.machine)
         best = best._replace(
-            log_evidence=best.log_evidence + float(np.log((high - low) / (edges[-1] - edges[0])))
+            log_evidence=best.log_evidence + float(np.log((high - low) / (highest - lowest)))
         )
         return best._replace(
             parts=replace_part(best.parts, k, part._replace(size=0.5 * (low + high))),
@@ -487,12 +479,6 @@ def list_candidates(
     return found
 
 
-def find_command_range(part: EffectInstance, data: RunData) -> float:
-    """Return the range of the commands of an effect's drive."""
-    drive = data.gate if EFFECT_ROWS[part.id].stage == "gate" else data.shaft
-    return 0.0 if drive is None else float(np.ptp(drive.command[np.isfinite(drive.command)]))
-
-
 def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     """Tell whether the log excites an effect.
 
@@ -500,10 +486,6 @@ def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     the only sign.
     """
     row = EFFECT_ROWS[candidate.part.id]
-    if row.found_by is FoundBy.STICKING and candidate.part.size >= find_command_range(
-        candidate.part, data
-    ):
-        return False
     if LogRequirement.OPEN_LOOP in row.needs and machine.shaft.regulated > 0.0:
         return False
     if LogRequirement.BOTH_WAYS in row.needs and (

@@ -401,9 +401,7 @@ def _add_parts_together(
     machine file's can be.
     """
     model = board.search.model
-    loud = not model.machine.has_stage("flow") or any(
-        is_noise_loud(now.noise[c.name], c.prior) for c in model.channels
-    )
+    loud = any(is_noise_loud(now.noise[c.name], c.prior) for c in model.channels)
     if better is None and not loud:
         return None
     least = (
@@ -571,7 +569,7 @@ def _compare_effects(board: ModelScorer, now: FittedHypothesis) -> ComparedModel
     """
     places: list[Alternatives] = []
     for k, part in enumerate(now.parts):
-        alone = _refit_without(board, now, k)
+        alone = board.refit_model(remove_part(now.parts, k), now)
         own, found = board.calc_log_odds(now, alone), list[RivalEffect]()
         for rival in _list_alternatives(board, alone, part):
             tried = board.refit_model((*alone.parts, rival), alone)
@@ -593,18 +591,6 @@ def _compare_effects(board: ModelScorer, now: FittedHypothesis) -> ComparedModel
         }
         places.append(Alternatives(own, tuple(sorted(best.values(), key=lambda r: r.behind))))
     return ComparedModel(now, tuple(places))
-
-
-def _refit_without(board: ModelScorer, now: FittedHypothesis, k: int) -> FittedHypothesis:
-    """Refit a model without one of its effects. Of a drive that sticks, a lag and the jumps show
-    only together: without the lag, the model without both may be more likely."""
-    alone = board.refit_model(remove_part(now.parts, k), now)
-    if not any(EFFECT_ROWS[part.id].found_by is FoundBy.STICKING for part in alone.parts):
-        return alone
-    free = tuple(
-        part for part in alone.parts if EFFECT_ROWS[part.id].found_by is not FoundBy.STICKING
-    )
-    return max(alone, board.refit_model(free, now), key=board.calc_score)
 
 
 def _merge_parts(board: ModelScorer, now: ComparedModel) -> ComparedModel:
@@ -647,7 +633,10 @@ def _weigh_subsets(board: ModelScorer, now: ComparedModel) -> ComparedModel:
         fits = [board.refit_model(one, now.fit) for one in subsets]
         settled = [_settle_alone(search, one) for one in (now.fit, *fits)]
         search.model.set_offsets(stand)
-        odds = _calc_subset_odds(board, [now.fit, *fits], settled)
+        odds = [
+            -board.calc_log_odds(now.fit, one, (settled[0], there))
+            for one, there in zip(fits, settled[1:], strict=True)
+        ]
         best = int(np.argmax(odds))
         if odds[best] <= 0.0:
             now = now._replace(places=_sum_odds(now, [*odds, 0.0], kept, search.model.machine))
@@ -659,25 +648,6 @@ def _weigh_subsets(board: ModelScorer, now: ComparedModel) -> ComparedModel:
             board, _refit_with_nominals(board, board.refit_model(subsets[best], now.fit))
         )
     return now
-
-
-def _calc_subset_odds(
-    board: ModelScorer, fits: Sequence[FittedHypothesis], settled: Sequence[FittedHypothesis]
-) -> list[float]:
-    """Return the log odds of each subset against the whole model, directly and by the worth of both
-    over none; as in `_compare_effects` the higher applies.
-
-    fits : the whole model, none, the other subsets; settled : the same, each settled for itself.
-    """
-    whole, none = (fits[0], settled[0]), (fits[1], settled[1])
-    over_none = board.calc_log_odds(whole[0], none[0], (whole[1], none[1]))
-    found = [-over_none]
-    for one in zip(fits[2:], settled[2:], strict=True):
-        higher = max if whole[0].log_likelihood > one[0].log_likelihood else min
-        direct = board.calc_log_odds(whole[0], one[0], (whole[1], one[1]))
-        beyond = over_none - board.calc_log_odds(one[0], none[0], (one[1], none[1]))
-        found.append(-higher(direct, beyond))
-    return found
 
 
 def _sum_odds(

@@ -38,24 +38,6 @@ def drag(leader: Floats, half_play: Floats, start: float) -> Floats:
 
 
 @numba.njit
-def stick(leader: Floats, band: float, dt_s: float, start: float, rests: bool) -> Floats:
-    """A part that a leader (steps,) pulls through static friction of `band`: torn loose it closes
-    the gap in first order, until the leader comes back past it or, with `rests`, is reached."""
-    out = np.empty_like(leader)
-    x, way, share = start, 0.0, 1.0 - np.exp(-dt_s / 0.03)
-    for k in range(leader.size):
-        gap = leader[k] - x
-        if way == 0.0 and abs(gap) > band:
-            way = np.sign(gap)
-        if way != 0.0:
-            x += share * gap
-            if way * gap < (0.02 * band if rests else -0.02 * band):
-                way = 0.0
-        out[k] = x
-    return out
-
-
-@numba.njit
 def slew(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Floats:
     """Approach to `wanted` (steps,) at a speed (steps,)."""
     out = np.empty_like(wanted)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from . import nominal as nom
 from . import shapes
-from .kernels import chase, drag, slew, stick
+from .kernels import chase, drag, slew
 from .nominal import Effect, Physics
 from .programmes import Drive
 from .terms import ANGLE
@@ -135,8 +135,6 @@ class Plant:
                 x = x + self._size(e)
             elif e.id == "gate.backlash":
                 x = drag(x, self._size(e) / 2.0 + np.zeros(x.size), float(x[0]))
-            elif e.id == "gate.stiction":
-                x = stick(x, e.size, self.dt_s, float(x[0]), True)
             elif e.id == "gate.lost_steps":
                 moved = np.abs(np.diff(motor, prepend=motor[0]))
                 if e.course is not None:
@@ -208,8 +206,6 @@ class Plant:
                     tau = tau + size * (0.85 + 0.3 * u / 70.0 * e.knob)
                 else:
                     tau = tau + size
-            elif e.id == "shaft.stiction":
-                u = stick(u, e.size, self.dt_s, float(u[0]), False) * (u != 0.0)
             elif e.id == "shaft.dead_band":
                 u = np.where(u < size, 0.0, u)
             elif e.id == "shaft.voltage_sag":
