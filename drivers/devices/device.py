@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 from topdress.control.frozen_model import FrozenModel
-from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.datagrams import validate_line_url
 from topdress.drivers.devices.lines import LineDecoder
+
+if TYPE_CHECKING:
+    # The simulated plant is not loaded with the devices, so that the console starts quickly.
+    from topdress.control.simulation.plant import SensorReadings
 
 # Ports of a device that is no program.
 SERIAL_PORT = "a serial port or socket://HOST:PORT"

@@ -594,3 +594,21 @@ def test_a_command_that_is_not_seen_is_no_sure_guess(
     assert '# shaft_rpm_cmd: {from: "u", scale: }' in (tmp_path / "p.yaml").read_text(
         encoding="utf-8"
     )
+
+
+def test_a_switch_is_a_command_and_nanoseconds_are_times(tmp_path: Path) -> None:
+    path = tmp_path / "incubator.csv"
+    begin_ns = 1_608_572_942_720_306_900
+    path.write_text(
+        "time,heater_cmd_rpm,shaft_rpm\n"
+        + "".join(
+            f"{begin_ns + 3_000_000_000 * k},{k // 9 % 3 == 1},{20 + 5 * (k // 9 % 3 == 1)}\n"
+            for k in ROWS
+        )
+    )
+    mapping = guess_import_file(read_raw_table(path)).mapping
+    assert mapping.time.counts == "unix_ns"
+    columns = convert_table(read_raw_table(path), mapping).columns
+    assert set(np.diff(columns["us"])) == {3e6}
+    command = next(values for name, values in columns.items() if "cmd" in name)
+    assert set(np.asarray(command, np.float64).tolist()) <= {0.0, 1.0, 5.0}

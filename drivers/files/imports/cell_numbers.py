@@ -15,6 +15,8 @@ from topdress.drivers.files.imports.table_header import EMPTY_CELLS
 
 # Blanks and apostrophes that group digits.
 _GROUP_SIGNS = re.compile("[\\s'\u2019\u00a0\u202f]")
+# Words of a switch, and its numbers.
+SWITCH_WORDS = {"false": 0.0, "true": 1.0}
 # A number in Python's notation.
 _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
@@ -22,8 +24,8 @@ _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 def parse_number(cell: str | None, words: Collection[str] = ()) -> float | None:
     """Returns the number of a cell.
 
-    Blanks and apostrophes group digits. If a cell has a point and a comma, the last of them is the
-    decimal mark; a comma alone is the decimal mark.
+    True and False are 1 and 0. Blanks and apostrophes group digits. If a cell has a point and a
+    comma, the last of them is the decimal mark; a comma alone is the decimal mark.
 
     Parameters
     ----------
@@ -37,6 +39,8 @@ def parse_number(cell: str | None, words: Collection[str] = ()) -> float | None:
     text = (cell or "").strip()
     if text in words or text.lower() in EMPTY_CELLS:
         return float("nan")
+    if text.lower() in SWITCH_WORDS:
+        return SWITCH_WORDS[text.lower()]
     if not _PLAIN_NUMBER.fullmatch(text):
         text = _GROUP_SIGNS.sub("", text)
         if "." in text and "," in text:

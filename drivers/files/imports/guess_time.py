@@ -346,6 +346,8 @@ def _guess_since_1970(first: float) -> _CountedUnit | None:
         return _CountedUnit("unix_ms", "milliseconds since 1970")
     if 1e15 <= first < 4e15:
         return _CountedUnit("unix_us", "microseconds since 1970")
+    if 1e18 <= first < 4e18:
+        return _CountedUnit("unix_ns", "nanoseconds since 1970")
     return None
 
 

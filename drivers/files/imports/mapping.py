@@ -27,7 +27,18 @@ STATE_COLUMN = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
 CountedTimeUnit = Literal[
-    "text", "s", "ms", "us", "min", "h", "unix_s", "unix_ms", "unix_us", "excel_day", "rows"
+    "text",
+    "s",
+    "ms",
+    "us",
+    "min",
+    "h",
+    "unix_s",
+    "unix_ms",
+    "unix_us",
+    "unix_ns",
+    "excel_day",
+    "rows",
 ]
 SourceKind = Literal["text", "excel", "geojson", "shapefile", "isoxml", "parquet"]
 Name = Annotated[str, Field(min_length=1)]

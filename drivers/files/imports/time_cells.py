@@ -49,6 +49,7 @@ _US_OF_UNIT = {
     "unix_s": 1e6,
     "unix_ms": 1e3,
     "unix_us": 1.0,
+    "unix_ns": 1e-3,
 }
 _FORMAT_PARTS = re.compile(r"%\.?[A-Za-z]")
 # Number of digits of each part of a format without separators.
