@@ -140,7 +140,7 @@ SENSED = Recipe(
         (
             Insertion(
                 "control/simulation/plant.py",
-                "\n\nclass Truth(NamedTuple):",
+                "\n\nclass PlantTruth(NamedTuple):",
                 "    fuel_l_h: float | None = 12.5\n",
             ),
         ),
