@@ -324,7 +324,11 @@ EFFECT = Recipe(
                     "Each degree uphill takes {size} % off the shaft's speed.",
                     "每上坡一度，轴速减少 {size} %。",
                 )
-                + translate("Let the drive hold its speed by an encoder.", "用编码器稳定轴速。"),
+                + translate("Let the drive hold its speed by an encoder.", "用编码器稳定轴速。")
+                + translate(
+                    "Out and back on a slope at one shaft command.",
+                    "在坡上以同一轴速指令往返行驶。",
+                ),
             ),
         ),
         (
