@@ -80,8 +80,8 @@ def diagnose_topdress(data: Path, machine: Path) -> Answer:
 
 
 def diagnose_least_squares(data: Path, machine: Path) -> Answer:
-    """Fits each drive by least squares, of offset, gain and delay, and says by the information
-    criterion of Schwarz (1978) which are wrong."""
+    """Fits the shaft's gain and the gate's offset to settled rows by least squares, and says by the
+    information criterion of Schwarz (1978) whether each is wrong. Tables get no name."""
     from topdress.control.diagnosis.effects import EFFECT_ROWS
 
     causes = dict.fromkeys(EFFECT_ROWS, 0.005)
@@ -92,7 +92,7 @@ def diagnose_least_squares(data: Path, machine: Path) -> Answer:
             rows = list(csv.DictReader(file))
         log = {
             name: np.array([float(row[name] or "nan") for row in rows])
-            for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm")
+            for name in ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm")
             if name in rows[0]
         }
         for command, reading, gain, offset in (
