@@ -371,22 +371,21 @@ def test_configuration_errors_name_what_is_wrong(change, words):
         CabConfig.model_validate(change)
 
 
-def test_a_tick_costs_less_than_two_hundred_microseconds(clock, fake_plant):
-    """Twenty milliseconds a tick, six heads, GNSS at 5 Hz: the median of the cheapest of three
-    runs."""
+def test_a_tick_costs_no_more_after_a_minute_than_at_first(clock, fake_plant):
+    """Twenty milliseconds a tick, six heads, GNSS at 5 Hz: the median of 300 late ticks over that
+    of 300 early ones, in the thread's own time. What it costs: `python -m benchmarks speed --only
+    work`."""
     fake_plant.dt_s = 0.02
     cab, machine = make_virtual_cab(fake_plant, clock)
-    best = 1.0
-    for _ in range(3):
-        took = []
-        for _ in range(200):
-            clock.now_s += 0.02
-            machine.advance_to(clock.now_s)
-            begin = time.perf_counter()
-            cab.read_measurements(clock.now_s)
-            took.append(time.perf_counter() - begin)
-        best = min(best, sorted(took)[100])
-    assert best < 200e-6
+    took_s = []
+    for _ in range(3300):
+        clock.now_s += 0.02
+        machine.advance_to(clock.now_s)
+        begin_s = time.thread_time()
+        cab.read_measurements(clock.now_s)
+        took_s.append(time.thread_time() - begin_s)
+    early_s, late_s = (sorted(some)[150] for some in (took_s[50:350], took_s[3000:]))
+    assert late_s < 3.0 * early_s
 
 
 def test_a_board_that_does_not_follow_is_told(plugged, board_line):
