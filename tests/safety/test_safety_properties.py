@@ -504,7 +504,7 @@ def test_every_single_disturbance_in_every_state(state, has_work_switch):
             rules.start_again_with_one_thing_odd(change)
 
 
-# --- A check costs the same for hours. Figures: docs/safety.md -------------------------------------
+# --- A check costs the same for hours. Figures: docs/safety.md ------------------------------------
 
 
 def test_a_check_costs_no_more_after_many_than_at_first(working):
