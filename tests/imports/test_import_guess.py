@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -612,3 +613,44 @@ def test_a_switch_is_a_command_and_nanoseconds_are_times(tmp_path: Path) -> None
     assert set(np.diff(columns["us"])) == {3e6}
     command = next(values for name, values in columns.items() if "cmd" in name)
     assert set(np.asarray(command, np.float64).tolist()) <= {0.0, 1.0, 5.0}
+
+
+def test_the_command_of_a_tagged_export_is_the_controllers_output(tmp_path: Path) -> None:
+    """Five lines of head, the tags in the third: what is read follows the output slowly."""
+    path = tmp_path / "loop.txt"
+    head = (
+        "PROCESSDATA\tDATA\tyyyy-MM-dd\n8\t10\t2024-06-13 21:55:00\t80\n"
+        "tagname\tFIC46.MV\tFIC46.PV\tFIC46.SV\tFIC46.MODE\ndesc\tOP\tread\twanted\tmode\n"
+        "fsMax=1.6\tfsMin=0\n"
+    )
+    path.write_text(
+        head
+        + "".join(
+            f"2024-06-13 {k // 60:02}:{k % 60:02}:00\t{k * 7 % 5}\t{900 - k % 11}\t{ANSWER[k]}\t1\n"
+            for k in ROWS
+        )
+    )
+    found = guess_import_file(read_raw_table(path))
+    assert found.mapping.time.column == "tagname"
+    assert [one.text for one in found.doubts if "FIC46" in one.text] == [
+        "FIC46.PV follows FIC46.MV: is that the command of a drive and this its reading?"
+    ]
+    assert "FIC46.MV" in found.open["shaft_rpm_cmd"] and "FIC46.PV" in found.open["shaft_rpm"]
+
+
+def test_a_further_column_of_times_is_no_drive_and_an_empty_one_raises_no_warning(
+    tmp_path: Path,
+) -> None:
+    """The command is held; stamps of another clock rise with what follows it."""
+    path = tmp_path / "stamps.csv"
+    path.write_text(
+        "time,pwm,stamp_time,sent,empty,speed raw\n"
+        + "".join(
+            f"{0.1 * k:.1f},{k // 20},{5 * (k // 3)},{1_700_000_000 + k},,{k // 20 * 3}\n"
+            for k in ROWS
+        )
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        doubts = [one.text for one in guess_import_file(read_raw_table(path)).doubts]
+    assert "speed raw follows pwm: is that the command of a drive and this its reading?" in doubts

@@ -17,6 +17,7 @@ from topdress.drivers.files.imports.column_vocabulary import (
     RAW_COMMAND_WORDS,
     READING_WORDS,
     SHAPEFILE_NAME_LENGTH,
+    TIME_WORDS,
     ColumnSubject,
     find_subject,
     fold_column_name,
@@ -31,6 +32,7 @@ from topdress.drivers.files.imports.guess_result import (
     ImportGuess,
     ImportKey,
 )
+from topdress.drivers.files.imports.guess_time import find_count_since_1970
 from topdress.drivers.files.imports.mapping import UNMAPPED_COLUMNS, Column
 from topdress.drivers.files.imports.raw_table import RawTable
 from topdress.drivers.files.imports.table_header import split_unit_name
@@ -413,8 +415,9 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
         name: one
         for name in raw.names
         if name not in set(used)
-        and (one := _read_values(raw, name)).size
+        and (one := _read_values(raw, name))[np.isfinite(one)].size
         and np.nanmin(one) < np.nanmax(one)
+        and not _is_time_stamp(name, one[np.isfinite(one)])
     }
     named_so = [
         name
@@ -425,19 +428,13 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
         return
     # The column that changes least often comes first.
     held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
-    by_custom = {fold_column_name(split_unit_name(name)[0]): name for name in values}
-    # Customary names of a system's input and output in control theory and in recordings of
-    # experiments.
-    customary = [by_custom[INPUT_NAME]] if {INPUT_NAME, OUTPUT_NAME} <= by_custom.keys() else []
+    customary = _find_customary_pairs(values)
     for command in [*named_so, *customary, *held[:1]]:
         followers = [
             name
             for name in values
             if name != command
-            and (
-                _is_following(values[command], values[name])
-                or (command in customary and name == by_custom[OUTPUT_NAME])
-            )
+            and (_is_following(values[command], values[name]) or customary.get(command) == name)
         ]
         if followers:
             out.doubts.append(
@@ -460,6 +457,29 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
             return
 
 
+def _find_customary_pairs(names: Iterable[str]) -> dict[str, str]:
+    """Returns the columns whose names are customarily a command, and the reading of each."""
+    by_end = dict[tuple[str, str], str]()
+    for name in names:
+        stem, _, end = split_unit_name(name)[0].lower().rpartition(".")
+        by_end[stem, end] = name
+    return {
+        name: by_end[stem, reading]
+        for (stem, end), name in by_end.items()
+        for command, reading in CUSTOMARY_PAIRS
+        if end == command and (stem, reading) in by_end
+    }
+
+
+def _is_time_stamp(name: str, values: NDArray[np.float64]) -> bool:
+    """Returns whether numbers (n,) that never fall are a further column of times: by its name, or
+    by counts since 1970."""
+    words = fold_column_name(split_unit_name(name)[0])
+    return bool((np.diff(values) >= 0.0).all()) and (
+        has_any_word(words, TIME_WORDS) or find_count_since_1970(float(values[0])) is not None
+    )
+
+
 def find_unseen_commands(raw: RawTable, out: ImportGuess, used: Iterable[str | None]) -> list[str]:
     """Returns columns of numbers whose names mean commands, in a file in which no drive has a
     command."""
@@ -476,8 +496,9 @@ def find_unseen_commands(raw: RawTable, out: ImportGuess, used: Iterable[str | N
     ]
 
 
-# Names of a system's input and output in control theory and in recordings of experiments.
-INPUT_NAME, OUTPUT_NAME = "u", "y"
+# Names of a system's input and output: in control theory and recordings of experiments; at the end
+# of a plant's tags, controller output and process value (ISA-5.1). The set point is no command.
+CUSTOMARY_PAIRS = (("u", "y"), ("mv", "pv"), ("op", "pv"), ("co", "pv"))
 # Smallest correlation of a reading with its command, or of their ranks, which also suit curved
 # relations.
 MIN_FOLLOW_CORRELATION = 0.8

@@ -321,7 +321,7 @@ def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     step = calc_median(steps[steps > 0])
     whole = bool((known == np.round(known)).all())
     stated = (
-        _guess_since_1970(float(known[0]))
+        find_count_since_1970(float(known[0]))
         or _guess_by_unit(raw.units.get(name, name))
         or _guess_spreadsheet_days(float(known[0]), step, whole)
         or _guess_by_name(name)
@@ -330,7 +330,7 @@ def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     return TimeGuess(Times(column=name, counts=stated.counts), stated.why, stated.doubt)
 
 
-class _CountedUnit(NamedTuple):
+class CountedUnit(NamedTuple):
     """Holds the unit that numbers count, and the reason."""
 
     counts: CountedTimeUnit
@@ -338,62 +338,62 @@ class _CountedUnit(NamedTuple):
     doubt: str = ""
 
 
-def _guess_since_1970(first: float) -> _CountedUnit | None:
+def find_count_since_1970(first: float) -> CountedUnit | None:
     """Returns the unit of times since 1970, by the first time: 1e9 s is 2001, 4e9 s is 2096."""
     if 1e9 <= first < 4e9:
-        return _CountedUnit("unix_s", "seconds since 1970")
+        return CountedUnit("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:
-        return _CountedUnit("unix_ms", "milliseconds since 1970")
+        return CountedUnit("unix_ms", "milliseconds since 1970")
     if 1e15 <= first < 4e15:
-        return _CountedUnit("unix_us", "microseconds since 1970")
+        return CountedUnit("unix_us", "microseconds since 1970")
     if 1e18 <= first < 4e18:
-        return _CountedUnit("unix_ns", "nanoseconds since 1970")
+        return CountedUnit("unix_ns", "nanoseconds since 1970")
     return None
 
 
-def _guess_by_unit(stated: str) -> _CountedUnit | None:
+def _guess_by_unit(stated: str) -> CountedUnit | None:
     """Returns the unit of the header; None without a unit of time."""
     unit = find_named_unit(stated)
     if unit is None or unit.quantity != "time":
         return None
     counts: CountedTimeUnit = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]  # type: ignore[assignment]
-    return _CountedUnit(counts, "the unit in the header")
+    return CountedUnit(counts, "the unit in the header")
 
 
-def _guess_spreadsheet_days(first: float, step: float, whole: bool) -> _CountedUnit | None:
+def _guess_spreadsheet_days(first: float, step: float, whole: bool) -> CountedUnit | None:
     """Returns the unit for days since 1900: 30 000 is 1982, 80 000 is 2119. A step of a day or more
     excludes a log of a working machine."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
-        return _CountedUnit("excel_day", "days as spreadsheets count them")
+        return CountedUnit("excel_day", "days as spreadsheets count them")
     return None
 
 
-def _guess_by_name(name: str) -> _CountedUnit | None:
+def _guess_by_name(name: str) -> CountedUnit | None:
     if has_any_word(fold_column_name(name), ("millis",)):
-        return _CountedUnit("ms", "the name")
+        return CountedUnit("ms", "the name")
     if has_any_word(fold_column_name(name), ("micros",)):
-        return _CountedUnit("us", "the name")
+        return CountedUnit("us", "the name")
     return None
 
 
-def _guess_by_step(step: float, whole: bool) -> _CountedUnit:
+def _guess_by_step(step: float, whole: bool) -> CountedUnit:
     """Returns the unit by the median step between rows; milliseconds and microseconds are
     integers."""
     if whole and step >= 1000.0 * _MAX_LOG_STEP_S:
-        return _CountedUnit(
+        return CountedUnit(
             "us",
             "whole numbers with large steps",
             f"no unit: steps of {step:g}: microseconds, milliseconds?",
         )
     if whole and step >= _MAX_LOG_STEP_S:
-        return _CountedUnit("ms", f"whole numbers, steps of {step:g}")
+        return CountedUnit("ms", f"whole numbers, steps of {step:g}")
     if whole and step >= _MIN_MS_STEP:
-        return _CountedUnit(
+        return CountedUnit(
             "ms",
             "whole numbers",
             f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?",
         )
-    return _CountedUnit("s", f"numbers with steps of {step:g}")
+    return CountedUnit("s", f"numbers with steps of {step:g}")
 
 
 def _is_place_column(plain: str) -> bool:

@@ -130,6 +130,16 @@ def is_unit_row(row: Sequence[str]) -> bool:
     return bool(units) and len(units) + len(nothing) > _MIN_FILLED_CELL_SHARE * len(cells)
 
 
+def find_tag_row(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...] | None:
+    """Returns the tags that name the columns of a plant's export, whose head ends with other rows:
+    the first row of the width with `.PV` and `.MV` or `.OP` of a loop; None without one."""
+    for row in rows:
+        ends = {cell.strip().lower().rpartition(".")[2] for cell in row if "." in cell}
+        if len(row) == width == len({*row}) and "pv" in ends and ends & {"mv", "op"}:
+            return tuple(cell.strip() for cell in row)
+    return None
+
+
 def _find_usual_width(rows: Sequence[Sequence[str]]) -> int:
     """Returns the most frequent number of cells of rows with more than one cell, because titles
     have one."""

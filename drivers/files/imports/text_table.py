@@ -36,6 +36,7 @@ from topdress.drivers.files.imports.dialect import (
 from topdress.drivers.files.imports.import_errors import LogImportError, TableError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw_table import RawTable, make_unique, split_header
+from topdress.drivers.files.imports.table_header import find_tag_row
 from topdress.drivers.files.limits import LINE_LIMIT, check_text
 
 # Byte order marks of UTF-16.
@@ -413,14 +414,17 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
     # Columns get neutral names, and the question about their meaning stays open.
     if layout.header < 0 and not said.names:
         first = dialect.rows[layout.body]
-        said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
-        findings.append(
-            Finding(
-                NO_HEADER_ID,
-                f"no header row: the first row is {format_list(first, 4)}: its columns are "
-                f"called {format_list(said.names or (), 4)}: say in source.names what they are",
+        tags = find_tag_row(dialect.rows[: layout.body], len(first))
+        plain = tuple(f"c{k + 1}" for k in range(len(first)))
+        said = said.model_copy(update={"names": tags or plain})
+        if tags is None:
+            findings.append(
+                Finding(
+                    NO_HEADER_ID,
+                    f"no header row: the first row is {format_list(first, 4)}: its columns are "
+                    f"called {format_list(plain, 4)}: say in source.names what they are",
+                )
             )
-        )
     names, units = _split_header_cells(dialect, said)
     columns, odd = _read_text_columns(path, data, dialect, names)
     # The dialect is recorded, so that the next reading needs no detection.
