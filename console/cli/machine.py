@@ -148,11 +148,10 @@ def make_machine_file(
     """Write a first machine file of one stage from a log, asking full speed, rows, direction
     and sensor noise, the time constant where the log does not show it, and in what its effort
     is where it has one."""
+    import numpy as np
     from topdress.control.calibration.first_machine import MissingColumn, suggest_machine
     from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.atomic_files import write_atomically
-    from topdress.drivers.files.config import load_config
-    from topdress.drivers.files.config_kinds import MACHINE_KIND
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
@@ -177,14 +176,33 @@ def make_machine_file(
     text = _add_effort_reference(
         text, columns, answers.ask_effort_unit(effort_unit, columns), log.name
     )
+    _refuse_invalid(text, out)
     write_atomically(out, text)
-    # The written file is read again, which proves that it is valid.
-    load_config(str(out), MACHINE_KIND)
+    row_s = float(np.median(np.diff(columns["time_s"])))
+    times = _describe_times(found, made, answers.ask or time_constant is not None, row_s)
     typer.echo(
         f"{out}: a {kind.value}, {made.full_rpm:g} "
-        f"r/min{_describe_times(found, made)}{_describe_neutral(made)}; {answers.count} "
+        f"r/min{times}{_describe_neutral(made)}; {answers.count} "
         f"questions; next: topdress diagnose {log} --machine {out}"
     )
+
+
+def _refuse_invalid(text: str, out: Path) -> None:
+    """Raises CommandError, one line, where no machine file may have the numbers of a text."""
+    import yaml
+    from pydantic import ValidationError
+    from topdress.control.machine.machine import Machine
+
+    try:
+        Machine.model_validate(yaml.safe_load(text))
+    except ValidationError as error:
+        first = error.errors()[0]
+        context = first.get("ctx", {})
+        place = ".".join(map(str, context.get("wrong_key", first["loc"])))
+        raise CommandError(
+            f"{out}: not written: {place}: {context.get('allowed', first['msg'])}; are command and "
+            "reading in r/min of one side?"
+        ) from None
 
 
 def _ask_missing(
@@ -253,20 +271,22 @@ def _add_effort_reference(
     return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
 
 
-def _describe_times(found: MachineSuggestion, made: MachineSuggestion) -> str:
-    """Returns the source of the drive's times, in words."""
+def _describe_times(
+    found: MachineSuggestion, made: MachineSuggestion, asked: bool, row_s: float
+) -> str:
+    """Returns the source of the drive's times, in words; rows `row_s` apart show no shorter one."""
     if made.settled or made.tau_s is None:
         return ""
     if made.tau_s != found.tau_s:
-        return (
-            f", time constant {made.tau_s:.3g} s as answered: the log does not show it"
-            if found.tau_s is None
-            else f", time constant {made.tau_s:.3g} s as given, {found.tau_s:.3g} s by the log"
-        )
-    return (
-        f", time constant {made.tau_s:.3g} s and dead time {made.dead_s:.3g} s as the log "
-        "shows them"
+        if found.tau_s is not None:
+            return f", time constant {made.tau_s:.3g} s as given, {found.tau_s:.3g} s by the log"
+        source = "as answered" if asked else "a small drive's"
+        return f", time constant {made.tau_s:.3g} s, {source}: the log does not show it"
+    times = " and ".join(
+        f"{word} {time_s:.3g} s" if time_s > 0.0 else f"{word} below a row ({row_s:.3g} s)"
+        for word, time_s in (("time constant", made.tau_s), ("dead time", made.dead_s or 0.0))
     )
+    return f", {times} as the log shows them"
 
 
 def _describe_neutral(made: MachineSuggestion) -> str:

@@ -136,9 +136,10 @@ def test_a_time_constant_that_the_log_does_not_show_is_asked_for(tmp_path: Path)
     asked = topdress(*words, input="\n\n\n0.3\n")
     assert asked.exit_code == 0 and "this log does not show it" in asked.output
     assert load_config(str(out), MACHINE_KIND).model.shaft.time_constant_s == 0.3
-    for more, tau_s in (([], 0.05), (["--time-constant", "2"], 2.0)):
+    given = ["--time-constant", "2"]
+    for more, tau_s, source in (([], 0.05, "a small drive's"), (given, 2.0, "as answered")):
         said = topdress(*words, "--yes", "--force", *more).output
-        assert f"time constant {tau_s:g} s as answered: the log does not show it" in said
+        assert f"time constant {tau_s:g} s, {source}: the log does not show it" in said
         assert load_config(str(out), MACHINE_KIND).model.shaft.time_constant_s == tau_s
 
 
@@ -234,3 +235,18 @@ def test_a_drive_that_moves_on_after_its_row_has_a_time_constant(tau_s: float) -
     assert (
         not found.settled and found.tau_s == pytest.approx(tau_s, rel=0.05) and found.dead_s < 0.02
     )
+
+
+def test_numbers_that_no_machine_file_may_have_are_not_written(tmp_path: Path) -> None:
+    """A converter's counts for a command: standstill at 17,140 of them."""
+    log, out = tmp_path / "counts-log.csv", tmp_path / "counts.yaml"
+    counts = [1000 * (k // 40) for k in range(1600)]
+    log.write_text(
+        "time_s,shaft_rpm_cmd,shaft_rpm\n"
+        + "".join(f"{0.1 * k:.1f},{count},{17140 - count}\n" for k, count in enumerate(counts))
+    )
+    done = topdress(
+        "machine", "--from", log, "--out", out, "--yes", "--running", "--full-speed", 50
+    )
+    assert done.exit_code == 2 and not out.exists()
+    assert "not written: shaft.neutral_rpm: allowed" in done.output

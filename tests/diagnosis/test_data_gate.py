@@ -10,12 +10,15 @@ from topdress.control.diagnosis.runs.channels import make_hopper_channel
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.drives import find_repeated_rows
-from topdress.control.diagnosis.runs.findings import note_faults_between_rows
+from topdress.control.diagnosis.runs.findings import (
+    note_faults_between_rows,
+    note_left_ranges,
+)
 from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import CleanLog, clean_run_log
 from topdress.control.diagnosis.runs.row_order import COMMANDS, order_log_rows
 from topdress.control.diagnosis.runs.stages import make_run_data
-from topdress.control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
+from topdress.control.machine.machine import Adopted, Limits, Machine, Noise, Shaft, Tolerance
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work, taken
@@ -132,6 +135,30 @@ def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
     assert note_faults_between_rows(every_tick, {"gate.slow"}) == []
     holed = every_tick._replace(time_s=np.delete(every_tick.time_s, np.arange(5, ROWS, 20)))
     assert "5 % of the rows are missing" in note_faults_between_rows(holed, {"gate.slow"})[0]
+
+
+@pytest.mark.parametrize(
+    ("volts", "most_rpm", "left"),
+    [
+        (14.1, 90.0, ""),
+        (18.0, 90.0, "supply_v 14 to 14, here 18 to 18"),
+        (14.0, 150.0, "shaft_rpm"),
+    ],
+)
+def test_a_log_beyond_what_a_file_was_adopted_from_is_said(
+    volts: float, most_rpm: float, left: str
+) -> None:
+    commands = np.repeat(np.linspace(20.0, most_rpm, 10), 40)
+    log = columns(np.full(ROWS, 1.3)) | {
+        "shaft_rpm_cmd": np.tile(commands, 2)[:ROWS],
+        "supply_v": np.full(ROWS, volts),
+        "x_count": np.arange(1000.0, 1000.0 + ROWS),
+    }
+    known = {"shaft_rpm": (20.0, 90.0), "supply_v": (14.0, 14.0), "x_count": (0.0, 400.0)}
+    machine = Machine(adopted=(Adopted(id="shaft.gain", size=2.0, valid=known),))
+    said = note_left_ranges(make_run_data(clean_run_log(log), machine), machine)
+    assert len(said) == bool(left) and left in "".join(said) and "x_count" not in "".join(said)
+    assert note_left_ranges(make_run_data(clean_run_log(log), Machine()), Machine()) == []
 
 
 def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:

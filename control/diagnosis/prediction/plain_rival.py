@@ -30,6 +30,7 @@ from topdress.control.diagnosis.effects import (
     find_size_range,
 )
 from topdress.control.diagnosis.extend import find_free_id
+from topdress.control.diagnosis.judgement.evidence import TWO_SIDED_90_QUANTILE
 from topdress.control.diagnosis.runs.drives import Drive, measure_zero_offset
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
 from topdress.control.diagnosis.runs.smooth import DOWNSTREAM_VARIABLES, MIN_RANGE, NOMINAL_RANGES
@@ -37,6 +38,7 @@ from topdress.control.machine.machine import (
     CATALOGUE,
     Machine,
     add_effect,
+    find_size_bounds,
     list_effect_sizes,
     scale_nominal,
 )
@@ -53,6 +55,7 @@ from topdress.control.machine.terms import (
 from .block_errors import (
     SATURATION_ENDS_KEY,
     BlockErrors,
+    MachineFileNumber,
     calc_block_errors,
     calc_errors_by_channel,
     calc_gain_by_block,
@@ -99,6 +102,11 @@ MAX_RIVAL_LINES = 3
 MAX_SELECTION_STEPS = MAX_RIVAL_LINES + 1
 # Percentiles of a variable between which its line is valid: single cells lie beyond.
 LINE_PERCENTILES = (0.5, 99.5)
+# Share of the rows beyond a level of the commands, and the span of the levels as a share of full
+# speed, from which a curve is fitted.
+LEVEL_SHARE, MIN_SPAN_SHARE = 0.02, 1.0 / 3.0
+# Distance from an end of its range, as a share of the range, within which a size stands there.
+END_SHARE = 1e-3
 # Minimum share of the residual that a line explains.
 MIN_RESIDUAL_SHARE_OF_LINE = 1e-3
 # Level of a line at its middle for its slope, which is linear in the level.
@@ -138,6 +146,8 @@ def find_rival(on_log: LogPredictor, channel: str) -> PlainRival | None:
     usual = {channel: nothing.rms[channel] ** 2}
     if usual[channel] <= 0.0:
         return None
+    reading = on_log.seen[channel].measured
+    own_mean = float(np.var(reading[np.isfinite(reading)]))
     machine, best = on_log.machine, nothing
     lines: list[Term] = []
     curved = channel != "shaft"
@@ -155,6 +165,10 @@ def find_rival(on_log: LogPredictor, channel: str) -> PlainRival | None:
         if tried is None:
             break
         machine, best = tried
+    # A file that predicts worse than the reading's own mean knows nothing of the drive.
+    of_drive = channel in ("shaft", "gate")
+    if of_drive and float(best.blocks[channel].mean()) > own_mean:
+        return None
     if machine is on_log.machine or (
         curved
         and channel == "shaft"
@@ -187,7 +201,10 @@ def _add_best_line(
     """Return a file with a further line and all numbers refitted; None where that is not
     significantly better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
-    tried = fit_machine_file(on_log, (channel,), tried, MAX_REFIT_STEPS)
+    try:
+        tried = fit_machine_file(on_log, (channel,), tried, MAX_REFIT_STEPS)
+    except ValueError:
+        return None
     after = calc_block_errors(
         on_log, tried, (channel,), list_added_numbers(tried, on_log.machine), usual
     )
@@ -325,7 +342,73 @@ def _choose_drive_curve(
     chosen = next(
         one for one in tried if not is_surely_positive(calc_gain_by_block(least[1], one[1], usual))
     )
-    return None if chosen[0] is machine else chosen
+    if chosen[0] is machine or not _spans_range(on_log):
+        return None
+    chosen = _drop_unsure_numbers(on_log, *chosen, usual)
+    stands = (
+        chosen[0] != machine
+        and is_surely_positive(calc_gain_by_block(chosen[1], best, usual))
+        and all(
+            _is_better_over_ranges(on_log, "shaft", chosen[0], machine, name, usual)
+            for name in _list_recorded_columns(on_log)
+        )
+    )
+    return chosen if stands else None
+
+
+def _spans_range(on_log: LogPredictor) -> bool:
+    """Tell whether a log's commands have two levels and span a third of full speed: a curve from
+    less holds for that command only."""
+    drive = on_log.data.shaft
+    if drive is None:
+        return False
+    low, high = np.quantile(drive.command, (LEVEL_SHARE, 1.0 - LEVEL_SHARE))
+    return bool(high - low >= MIN_SPAN_SHARE * on_log.machine.limits.shaft_high_rpm)
+
+
+def _list_recorded_columns(on_log: LogPredictor) -> list[str]:
+    """Return the recorded variables that change and are not downstream of the shaft."""
+    never = DOWNSTREAM_VARIABLES["shaft"] | {"time_s"}
+    return [
+        name
+        for name, values in on_log.data.variables.items()
+        if name not in never and name in on_log.inputs and np.ptp(values) > 0.0
+    ]
+
+
+def _drop_unsure_numbers(
+    on_log: LogPredictor, machine: Machine, errors: BlockErrors, usual: dict[str, float]
+) -> tuple[Machine, BlockErrors]:
+    """Return a file without the effects whose interval reaches 0 or that stand at the end of their
+    search, the others refitted."""
+    while True:
+        numbers = list_added_numbers(machine, on_log.machine)
+        unsure = [
+            number
+            for number, sd in zip(numbers, errors.sd, strict=True)
+            if number.name in CATALOGUE
+            and (
+                abs(number.value) <= TWO_SIDED_90_QUANTILE * sd
+                or _is_at_end(number, on_log.machine)
+            )
+        ]
+        if not unsure:
+            return machine, errors
+        weakest = min(unsure, key=lambda number: abs(number.value) / max(number.step, 1e-300))
+        machine = weakest.turned(machine, 0.0)
+        rest = list_added_numbers(machine, on_log.machine)
+        if rest:
+            machine = fit_machine_file(on_log, ("shaft",), machine, MAX_REFIT_STEPS)
+            rest = list_added_numbers(machine, on_log.machine)
+        errors = calc_block_errors(on_log, machine, ("shaft",), rest, usual)
+
+
+def _is_at_end(number: MachineFileNumber, machine: Machine) -> bool:
+    """Tell whether a size stands at the end of the catalogue's range: the data want it beyond. A
+    time that is as short as can be stands at no end."""
+    low, high = find_size_bounds(number.name, machine)
+    near = END_SHARE * (high - low)
+    return number.value >= high - near or (low < 0.0 and number.value <= low + near)
 
 
 def _fit_parameter_sets(
@@ -345,14 +428,19 @@ def _fit_parameter_sets(
             file = _make_starting_machine(
                 found[smaller][1] if smaller else machine, on_log.data.shaft, new, share
             )
-            file = fit_machine_file(on_log, ("shaft",), file, MAX_FIT_STEPS)
+            try:
+                file = fit_machine_file(on_log, ("shaft",), file, MAX_FIT_STEPS)
+            # Numbers without a bound may overflow; the sets without them stay.
+            except ValueError:
+                continue
             files.append(
                 (
                     float(np.sum(calc_errors_by_channel(on_log, file, ("shaft",))["shaft"] ** 2)),
                     file,
                 )
             )
-        found[names] = min(files, key=lambda one: one[0])
+        if files:
+            found[names] = min(files, key=lambda one: one[0])
     return found
 
 

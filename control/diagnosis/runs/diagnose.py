@@ -36,8 +36,10 @@ from .findings import (
     note_effort_inputs,
     note_faults_between_rows,
     note_hardly_read,
+    note_left_ranges,
     note_reverse_turning,
     note_unloaded_flanks,
+    note_unread_efforts,
     note_unsure_drives,
     note_whole_log,
 )
@@ -248,11 +250,13 @@ def judge_run(
     findings = [
         *log.findings,
         *note_reverse_turning(log, machine),
-        *note_unsure_drives(log, data),
+        *note_unsure_drives(log, data, machine),
         *note_hardly_read(log, data),
         *note_effort_inputs(log, machine),
+        *note_unread_efforts(columns, data),
         *note_doubted_units(data, machine),
         *note_unloaded_flanks(data, machine),
+        *note_left_ranges(data, machine),
     ]
     # Numerical warnings are silenced, because `has_finite_numbers` examines the results.
     with np.errstate(all="ignore"):

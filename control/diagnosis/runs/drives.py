@@ -4,6 +4,7 @@ drive's behaviour.
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -105,29 +106,10 @@ def read_whole_drives(log: CleanLog, machine: Machine) -> dict[str, Drive]:
 
 
 def read_drives(log: CleanLog, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
-    c, found, still_rpm = log.columns, {}, scale_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
+    c, found = log.columns, {}
     if "shaft" in log.stages:
-        since = every.time_s - np.maximum.accumulate(
-            np.where(every.command_rpm != 0.0, every.time_s, -np.inf)
-        )
-        read = smooth_series(
-            bridge_gaps(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s
-        )
-        # The shaft must stand for a while, because a selection of single readings would be biased.
-        still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)
-        # A shaft that stands as commanded shows nothing, and its reading lacks the noise of a
-        # turning shaft.
-        sure = ~still & _find_settled_rows(
-            every,
-            every.command_rpm,
-            scale_nominal(machine, SHAFT_RANGE) * EQUAL_COMMAND_RPM,
-            machine.shaft.dead_time_s + SETTLING_TAUS * machine.shaft.time_constant_s,
-            calc_acceleration_rpm_s(machine.shaft),
-        )
-        sure &= ~find_reverse_rows(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
-        sure &= ~find_zero_command_rotation(
-            every.time_s, every.command_rpm, c["shaft_rpm"], machine
-        )
+        unsure = _find_unsure_shaft_rows(log, every, machine)
+        sure = ~np.any(list(unsure.values()), axis=0)
         settle_s = min(
             SETTLE_S,
             START_SETTLE_TAUS * (machine.shaft.dead_time_s + machine.shaft.time_constant_s),
@@ -148,13 +130,7 @@ def read_drives(log: CleanLog, every: LogRows, machine: Machine, whole: bool) ->
             least=MIN_SETTLED_ROWS if log.held else MIN_ROWS,
         )
     if "gate" in log.stages:
-        sure = _find_settled_rows(
-            every,
-            every.command_mm,
-            scale_nominal(machine, OPENING_RANGE) * EQUAL_COMMAND_MM,
-            machine.gate.dead_time_s,
-            machine.gate.slew_mm_s,
-        )
+        sure = ~np.any(list(_find_unsure_gate_rows(every, machine).values()), axis=0)
         found["gate"] = _make_drive(
             "gate",
             every,
@@ -165,6 +141,86 @@ def read_drives(log: CleanLog, every: LogRows, machine: Machine, whole: bool) ->
             noise=machine.noise.opening_mm,
         )
     return {name: drive for name, drive in found.items() if drive is not None}
+
+
+class LeftReason(Enum):
+    """Why a row of a drive is not judged."""
+
+    UNREAD = "unread"
+    STANDS = "stands"
+    LOST = "lost"
+    REVERSE = "reverse"
+    REPEATED = "repeated"
+
+
+LeftRows = dict[LeftReason, npt.NDArray[np.bool_]]
+
+
+def list_left_rows(log: CleanLog, machine: Machine) -> dict[str, LeftRows]:
+    """Return the rows of shaft and gate that are not judged, by reason: (n,) each; a row counts for
+    the first reason that it has."""
+    every, c = make_log_rows(log, machine), log.columns
+    found = {}
+    for name, reading, noise in (
+        ("shaft", c["shaft_rpm"], machine.noise.shaft_rpm),
+        ("gate", c["opening_mm"], machine.noise.opening_mm),
+    ):
+        if name not in log.stages:
+            continue
+        left = {
+            LeftReason.UNREAD: ~np.isfinite(reading),
+            **(
+                _find_unsure_shaft_rows(log, every, machine)
+                if name == "shaft"
+                else _find_unsure_gate_rows(every, machine)
+            ),
+            LeftReason.REPEATED: find_repeated_rows(reading, noise),
+        }
+        before = np.zeros(len(reading), bool)
+        for why, rows in left.items():
+            left[why] = rows & ~before
+            before |= rows
+        found[name] = left
+    return found
+
+
+def _find_unsure_shaft_rows(log: CleanLog, every: LogRows, machine: Machine) -> LeftRows:
+    c, still_rpm = log.columns, scale_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
+    since = every.time_s - np.maximum.accumulate(
+        np.where(every.command_rpm != 0.0, every.time_s, -np.inf)
+    )
+    read = smooth_series(
+        bridge_gaps(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s
+    )
+    return {
+        # The shaft must stand for a while, because a selection of single readings would be biased.
+        # A shaft that stands as commanded shows nothing, and its reading lacks the noise of a
+        # turning shaft.
+        LeftReason.STANDS: (since > STILL_AFTER_S) & (np.abs(read) < still_rpm),
+        LeftReason.LOST: ~_find_settled_rows(
+            every,
+            every.command_rpm,
+            scale_nominal(machine, SHAFT_RANGE) * EQUAL_COMMAND_RPM,
+            machine.shaft.dead_time_s + SETTLING_TAUS * machine.shaft.time_constant_s,
+            calc_acceleration_rpm_s(machine.shaft),
+        ),
+        LeftReason.REVERSE: find_reverse_rows(
+            every.time_s, every.command_rpm, c["shaft_rpm"], machine
+        )
+        | find_zero_command_rotation(every.time_s, every.command_rpm, c["shaft_rpm"], machine),
+    }
+
+
+def _find_unsure_gate_rows(every: LogRows, machine: Machine) -> LeftRows:
+    return {
+        LeftReason.LOST: ~_find_settled_rows(
+            every,
+            every.command_mm,
+            scale_nominal(machine, OPENING_RANGE) * EQUAL_COMMAND_MM,
+            machine.gate.dead_time_s,
+            machine.gate.slew_mm_s,
+        )
+    }
 
 
 def find_reverse_rows(

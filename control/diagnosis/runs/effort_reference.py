@@ -80,6 +80,8 @@ def fit_effort(
     return Machine.model_validate(
         {
             **dict(fitted_machine),
+            # A file that lists its stages would not read the reference otherwise.
+            "stages": machine.stages and tuple(dict.fromkeys((*machine.stages, "effort"))),
             "adopted": merge_records(machine, records, of_effort),
             "title": make_title(machine, "effort", data, date),
         }

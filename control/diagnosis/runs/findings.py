@@ -4,9 +4,11 @@ logs over their whole length.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import expit
 from topdress.control.diagnosis.effects import EFFECT_ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
 from topdress.control.diagnosis.judgement.prior import (
@@ -23,8 +25,10 @@ from .channels import make_drive_channel
 from .drives import (
     EQUAL_COMMAND_MM,
     Drive,
+    LeftReason,
     find_reverse_rows,
     find_zero_command_rotation,
+    list_left_rows,
     measure_zero_offset,
     read_whole_drives,
 )
@@ -35,6 +39,7 @@ from .inputs import MAX_FINE_STEP_S
 from .log import MIN_SETTLED_ROWS, CleanLog
 from .model import find_tolerance
 from .selection import GroupResult
+from .smooth import MIN_RANGE, NOMINAL_RANGES
 from .stages import RunData
 
 # Minimum share of the largest command or reading: below, dead zones and noise decide the ratio.
@@ -46,6 +51,19 @@ TICK_S = 0.05
 MIN_DIRECTION_SHARE = 0.05
 # Share of missing rows from which a finding reports them.
 MIN_LOST_SHARE = 0.01
+# Share of a drive's rows that are left out from which a finding says why.
+MIN_LEFT_SHARE = 0.1
+# Columns of the published ones whose range in the recording bounds what a machine file says.
+RANGE_COLUMNS = ("shaft_rpm", "opening_mm", "supply_v")
+
+
+_LEFT_WORDS = {
+    LeftReason.UNREAD: "its reading is unknown",
+    LeftReason.STANDS: "it stands as commanded",
+    LeftReason.LOST: "what was commanded between rows is not in the log",
+    LeftReason.REVERSE: "it turns backwards, or at a command of 0, which its file does not allow",
+    LeftReason.REPEATED: "it moves, and its reading only repeats the row before",
+}
 
 
 def note_whole_log(log: CleanLog, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
@@ -227,9 +245,9 @@ def note_doubted_units(data: RunData, machine: Machine) -> list[str]:
     ]
 
 
-def note_unsure_drives(log: CleanLog, data: RunData) -> list[str]:
-    """Return findings about drives with hardly a valid row, because commands between rows are
-    missing or the computer was late."""
+def note_unsure_drives(log: CleanLog, data: RunData, machine: Machine) -> list[str]:
+    """Return findings about drives with hardly a valid row, and about each tenth of a drive's rows
+    that is left out, with why."""
     late = [
         f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows "
         "are missing, and those "
@@ -237,13 +255,24 @@ def note_unsure_drives(log: CleanLog, data: RunData) -> list[str]:
         for word, drive in (("shaft", data.shaft), ("gate", data.gate))
         if drive is not None and drive.left_out
     ]
-    return late + [
-        f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command "
-        "changes between "
-        "nearly all of them: what was commanded in between is not in the log"
-        for word, drive in (("shaft", data.shaft), ("gate", data.gate))
-        if word in log.stages and drive is None
-    ]
+    rows, reasons = len(log.time_s), list_left_rows(log, machine)
+    for word, drive in (("shaft", data.shaft), ("gate", data.gate)):
+        if word not in log.stages:
+            continue
+        left = {why: int(there.sum()) for why, there in reasons[word].items()}
+        if drive is None:
+            most = max(left, key=lambda why: left[why])
+            late.append(
+                f"stage {word} is left out: hardly a row can be judged: {_LEFT_WORDS[most]} in "
+                f"{left[most]} of {rows} rows"
+            )
+        else:
+            late += [
+                f"stage {word}: {count} of {rows} rows are not judged: {_LEFT_WORDS[why]}"
+                for why, count in left.items()
+                if why != LeftReason.STANDS and count > MIN_LEFT_SHARE * rows
+            ]
+    return late
 
 
 def note_hardly_read(log: CleanLog, data: RunData) -> list[str]:
@@ -263,6 +292,50 @@ def note_effort_inputs(log: CleanLog, machine: Machine) -> list[str]:
         f"{name} is left out: it depends on {' and '.join(missing)}, and the log has no such column"
         for name in EFFORT_CHANNELS
         if name in log.stages and (missing := list_missing_inputs(name, log, machine))
+    ]
+
+
+def note_left_ranges(data: RunData, machine: Machine) -> list[str]:
+    """Return a finding about commands, supply and further columns of which a share of rows lies
+    beyond the ranges that the machine file's effects were adopted from."""
+    ranges = dict[str, list[tuple[float, float]]]()
+    for one in machine.adopted:
+        for name, ends in one.valid.items():
+            ranges.setdefault(name, []).append(ends)
+    left = []
+    for name, seen in ranges.items():
+        if name not in data.variables:
+            continue
+        values = data.variables[name]
+        # A further column that rises and never falls counts rows or time.
+        counts = np.ptp(values) > 0.0 and (np.diff(values) >= 0.0).all()
+        if name not in RANGE_COLUMNS and (name in MIN_RANGE or counts):
+            continue
+        low, high = min(ends[0] for ends in seen), max(ends[1] for ends in seen)
+        least = scale_nominal(machine, NOMINAL_RANGES.get(name, ())) * MIN_RANGE.get(
+            name, high - low
+        )
+        if np.mean((values < low - least) | (values > high + least)) > MIN_LEFT_SHARE:
+            here = np.percentile(values, (1.0, 99.0))
+            left.append(f"{name} {low:.4g} to {high:.4g}, here {here[0]:.4g} to {here[1]:.4g}")
+    return [
+        f"this log leaves the range of the recordings that the machine file was adopted from "
+        f"({'; '.join(left)}): that it holds here is not known"
+    ] * bool(left)
+
+
+def _has_numbers(values: npt.NDArray[Any]) -> bool:
+    return values.dtype.kind in "fiub" and bool(np.isfinite(values.astype(np.float64)).any())
+
+
+def note_unread_efforts(columns: Mapping[str, npt.NDArray[Any]], data: RunData) -> list[str]:
+    """Return findings about columns of effort that no stage reads."""
+    read = {{"effort": "shaft_effort"}.get(one.name, one.name) for one in data.efforts}
+    return [
+        f"column {name} is read by no stage: the machine file has no effort of its sound drive; "
+        "topdress calibrate effort writes it from a log of one"
+        for name, values in columns.items()
+        if name.endswith("_effort") and name not in read and _has_numbers(values)
     ]
 
 

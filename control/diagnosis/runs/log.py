@@ -85,6 +85,8 @@ UNREAD_COLUMNS = frozenset(COLUMNS) - {
 }
 # Columns that determine the unit of a speed.
 UNIT_COLUMNS = ("time_s", "lat_deg", "lon_deg")
+# Speed below which a machine stands, m/s: the noise of a receiver.
+STANDING_MPS = 0.05
 # Minimum number of rows of a log.
 MIN_ROWS = 40
 # Minimum number of rows of settled answers: each is a mean, and a rising staircase has this many
@@ -338,7 +340,13 @@ def clean_run_log(
         found["shaft_rpm"] = _reject_frozen("shaft_rpm", found["shaft_rpm"], never, findings)
     stood = _is_standing_still(found)
     if stood and (has("speed") or has("heads")):
-        findings.append("the machine stood all the time: its speeds and canopy heads are left out")
+        fastest = _calc_fastest_mps(found)
+        moved = (
+            "stood all the time"
+            if fastest < STANDING_MPS
+            else f"drove at {fastest:.2g} m/s at most, too slowly to tell speeds from noise"
+        )
+        findings.append(f"the machine {moved}: its speeds and canopy heads are left out")
     stages = []
     for stage, needed in REQUIRED_COLUMNS.items():
         if not has(stage) or (stood and stage in ("speed", "heads")):
@@ -461,11 +469,20 @@ def _reject_frozen(name: str, values: Array, why: str, findings: list[str]) -> A
 
 
 def _is_standing_still(found: dict[str, Array]) -> bool:
-    """Tell whether the machine never moved, single outliers ignored.
+    """Tell whether the machine hardly moved.
 
     Wheel and GNSS then show only their noise, and each head only its own piece of canopy.
     """
-    known = [
-        found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()
-    ]
-    return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVING_MPS for speed in known)
+    return _calc_fastest_mps(found) < MOVING_MPS
+
+
+def _calc_fastest_mps(found: dict[str, Array]) -> float:
+    """Return the highest speed, m/s, single outliers ignored; infinite where none is recorded."""
+    return max(
+        (
+            float(np.nanquantile(found[name], 0.98))
+            for name in ("speed_mps", "wheel_speed_mps")
+            if np.isfinite(found[name]).any()
+        ),
+        default=np.inf,
+    )
