@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
-from tests.diagnosis.hidden import cases, score
+from tests.diagnosis.hidden import cases, class_plan, score
 from tests.diagnosis.logs import HUANGHAI
 
 pytestmark = pytest.mark.exam
@@ -53,6 +53,22 @@ def test_a_case_that_was_wrong_once_is_right(number, seed, categories):
         found.causes,
         found.unexplained,
     )
+
+
+# Unseen cases of seeds 52906 and 88117 that were named at p 1.00 and wrong.
+SURE_AND_WRONG = [
+    pytest.param(26, 52906, id="a loss by roll: the lower tail of the readings was missing pulses"),
+    pytest.param(56, 52906, id="loud uneven noise: its lower tail was missing pulses"),
+    pytest.param(53, 88117, id="a stall was a gain of -97 % and a dead band of 52 r/min"),
+]
+
+
+@pytest.mark.parametrize("number, seed", SURE_AND_WRONG)
+def test_no_cause_is_sure_and_wrong(number, seed):
+    wanted = class_plan.wanted(number, seed)
+    case, found = answered(number, seed, (wanted.category,), wanted.ids, "unseen")
+    said = score.mark(case.truth, found.to_json()).said
+    assert all(right for p, right in said if p >= 0.9), (case.truth["causes"], found.causes)
 
 
 TERMS_WRONG_ONCE = [

@@ -15,13 +15,18 @@ from topdress.control.diagnosis.judgement.noise import (
     make_series,
 )
 from topdress.control.diagnosis.judgement.noise_fit import solve_linear_system
+from topdress.control.diagnosis.judgement.prior import MIN_REPORT_LOG_ODDS
 from topdress.control.diagnosis.runs.held_out import (
     BLOCK_COUNT,
     BLOCK_MARGIN_S,
     HELD_OUT_BLOCKS,
     hold_out_blocks,
 )
-from topdress.control.diagnosis.runs.intermittent import _calc_step_gains
+from topdress.control.diagnosis.runs.intermittent import (
+    MIN_DIP_SD,
+    _calc_depth_evidence,
+    _calc_step_gains,
+)
 from topdress.control.diagnosis.runs.quantised import (
     calc_rounding_error,
     find_final_steps,
@@ -215,3 +220,22 @@ def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: 
 def test_a_log_shorter_than_the_gaps_holds_nothing_out(seconds: float) -> None:
     blocks = hold_out_blocks(Series(np.zeros(round(10.0 * seconds)), Steps(0.1)))  # type: ignore[arg-type]
     assert blocks.pieces == ()
+
+
+@pytest.mark.parametrize("freedom", [2.5, 4.0, 30.0])
+def test_the_tail_of_a_noise_has_no_depth_of_its_own(freedom):
+    """Dips of a noise that has outliers on one side only."""
+    for seed in range(20):
+        z = np.abs(np.random.default_rng(seed).standard_t(freedom, 200_000))
+        depths = z[z > MIN_DIP_SD][:150] / MIN_DIP_SD
+        assert _calc_depth_evidence(depths, 8.0) < MIN_REPORT_LOG_ODDS
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.5])
+def test_missing_pulses_have_a_depth_of_their_own(shared):
+    """One pulse of a window of half a second at 1 to 3 m/s, half of the dips a noise's or none."""
+    rng = np.random.default_rng(5)
+    pulses = 2.5 / 16.0 / 0.5 / rng.uniform(1.0, 3.0, 200) / 0.08
+    tail = rng.pareto(4.0, 200) + 1.0
+    depths = np.where(rng.random(200) < shared, tail, np.maximum(1.0, pulses))
+    assert _calc_depth_evidence(depths, 12.0) > 5.0

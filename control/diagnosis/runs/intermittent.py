@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, binary_opening, median_filter
-from scipy.special import betainc, betaln, expit, gammaln
+from scipy.special import betainc, betaln, expit, gammaln, log_ndtr, logsumexp
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.effects import EFFECT_ROWS
 from topdress.control.diagnosis.judgement.prior import (
@@ -62,6 +62,15 @@ LONG_DIP_ROWS = 3
 # Deviation of wheel over GNSS speed from which a reading is an outlier, s.d. (Iglewicz and Hoaglin,
 # 1993).
 MIN_DIP_SD = 3.5
+# Trial exponents of a tail of noise beyond MIN_DIP_SD: the density of the depth falls with this
+# power plus one. Student's t has its degrees of freedom, a Gaussian tail some 12.
+TAIL_EXPONENTS = np.array([2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0])
+# Trial spreads of the depth of missing pulses, as s.d. of its logarithm: one pulse in a window of
+# fixed length is a larger share of a slower speed.
+DEPTH_SPREADS = np.array([0.05, 0.1, 0.2, 0.4])
+DEPTH_COUNT = 11
+# Trial shares of dips that belong to the noise.
+NOISE_SHARES = np.array([0.02, 0.1, 0.3, 0.5, 0.7, 0.9])
 # Share of rows, those closest together, that are assumed to be without a dip.
 UNDISTURBED_SHARE = 0.3
 # Number of classes of a variable on which dips may depend.
@@ -219,9 +228,14 @@ def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Direc
     ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < MIN_DIP_SD * spread)]))
     deep = MIN_DIP_SD * spread
-    if not (moving & (ratio < usual - deep)).any():
+    low = moving & (ratio < usual - deep)
+    if not low.any():
         return s, None
-    usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
+    against_tail = _calc_depth_evidence(
+        np.maximum.reduceat(np.where(low, usual - ratio, 0.0), _list_spell_starts(low)) / deep,
+        usual / deep,
+    )
+    usually = float(np.median((usual - ratio)[low]))
     # A GNSS outlier of this size is as improbable as a dip.
     deep = max(deep, 0.5 * usually)
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
@@ -229,7 +243,7 @@ def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Direc
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
-    evidence = max(
+    against_symmetric = max(
         _calc_dip_evidence(
             *(
                 _count_pulses(binary_opening(one, np.ones(rows, bool)), pulse_rows)
@@ -238,9 +252,11 @@ def _remove_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Direc
         )
         for rows in (1, LONG_DIP_ROWS)
     )
-    # The evidence is divided by 2, because pulses were counted in two ways.
+    # The evidence is divided by 2, because pulses were counted in two ways. Noise is as probably
+    # symmetric as it has a tail on one side only.
+    evidence = -float(np.logaddexp(np.log(2.0) - against_symmetric, -against_tail) - np.log(2.0))
     odds = _limit_by_variables(
-        evidence - float(np.log(2.0)) + find_prior_odds(missed),
+        evidence + find_prior_odds(missed),
         missed,
         dips[moving],
         [values[moving] for values in where],
@@ -297,6 +313,43 @@ def _calc_dip_evidence(dips: float, rises: float) -> float:
     )
 
 
+def _calc_depth_evidence(depths: Array, deepest: float) -> float:
+    """Return the log evidence that dips have a depth of their own, against the tail of a noise.
+
+    The depth of a tail follows Pareto's distribution, as that of each symmetric noise with outliers
+    does; the depth of missing pulses a log-normal one, with some dips of the tail beside it. All
+    parameters are averaged over.
+
+    Parameters
+    ----------
+    depths : largest depth of each dip (n,), in units of the least depth of a dip.
+    deepest : depth of a wheel that reads 0, in the same unit.
+    """
+    logs = np.log(depths)[:, None]
+    # Densities of the logarithm of the depth: (n, tails) and (n, peaks).
+    tails = np.log(TAIL_EXPONENTS) - TAIL_EXPONENTS * logs
+    centres, spreads = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            np.linspace(0.0, np.log(deepest), DEPTH_COUNT + 1)[1:], DEPTH_SPREADS
+        )
+    )
+    z = (logs - centres) / spreads
+    peaks = -0.5 * z**2 - np.log(np.sqrt(2.0 * np.pi) * spreads) - log_ndtr(centres / spreads)
+    mixed = [
+        np.logaddexp(np.log(share) + tails[:, :, None], np.log1p(-share) + peaks[:, None, :]).sum(
+            axis=0
+        )
+        for share in NOISE_SHARES
+    ]
+    return _average_log(np.array(mixed)) - _average_log(tails.sum(axis=0))
+
+
+def _average_log(logs: Array) -> float:
+    """Return the logarithm of the mean of numbers that are given by their logarithms."""
+    return float(logsumexp(logs) - np.log(logs.size))
+
+
 def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
     """Return the log evidence that spells depend on the class of a variable, against spells at any
     time.
@@ -344,8 +397,12 @@ def _find_usual_ratio(ratio: Array) -> tuple[float, float]:
     return middle, ROBUST_SD * float(np.median(above)) if len(above) else 0.0
 
 
+def _list_spell_starts(on: BoolArray) -> npt.NDArray[np.int64]:
+    return np.flatnonzero(on & ~np.insert(on[:-1], 0, False))
+
+
 def _count_spell_starts(on: BoolArray) -> int:
-    return int((on & ~np.insert(on[:-1], 0, False)).sum())
+    return len(_list_spell_starts(on))
 
 
 class _ScaleLevel(NamedTuple):
@@ -584,6 +641,4 @@ def _find_spells(score: Array) -> tuple[BoolArray, float]:
     total = np.logaddexp(*ahead[-1])
     best = int(np.argmax(total))
     both = (ahead + behind)[:, :, best]
-    return expit(both[:, 1] - both[:, 0]) > 0.5, float(np.logaddexp.reduce(total)) - float(
-        np.log(len(total))
-    )
+    return expit(both[:, 1] - both[:, 0]) > 0.5, _average_log(total)

@@ -381,9 +381,14 @@ def _add_best_part(
         (one for one in refits if one.collinearity < MAX_COLLINEARITY),
         key=lambda one: -(one.log_evidence + board.calc_log_prior(one.parts[-1])),
     )[:MAX_REFINED]
-    best = max(refits, key=lambda one: board.calc_log_odds(one, now), default=None)
-    if best is None:
+    if not refits:
         return None
+    best = max(refits, key=lambda one: board.calc_log_odds(one, now))
+    # A gain over no effect counts as far as it is even. That favours a model that is wrong
+    # everywhere over one that is wrong at the beginning only, so the best fit is compared with it.
+    fits_best = max(refits, key=board.calc_score)
+    if board.calc_log_odds(fits_best, best) > 0.0:
+        best = fits_best
     best = refine_onsets(board.search, best)
     return best if board.calc_log_odds(best, now) > MIN_REPORT_LOG_ODDS else None
 
