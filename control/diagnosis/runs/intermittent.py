@@ -317,8 +317,8 @@ def _calc_depth_evidence(depths: Array, deepest: float) -> float:
     """Return the log evidence that dips have a depth of their own, against the tail of a noise.
 
     The depth of a tail follows Pareto's distribution, as that of each symmetric noise with outliers
-    does; the depth of missing pulses a log-normal one, with some dips of the tail beside it. All
-    parameters are averaged over.
+    does; the depth of missing pulses follows a log-normal one, and some dips belong to the tail.
+    All parameters are averaged over.
 
     Parameters
     ----------
