@@ -38,6 +38,7 @@ from .hypothesis import EffectInstance, make_schedule
 from .inputs import MAX_FINE_STEP_S
 from .log import MIN_SETTLED_ROWS, CleanLog
 from .model import find_tolerance
+from .row_order import calc_late_gate_gain
 from .selection import GroupResult
 from .smooth import MIN_RANGE, NOMINAL_RANGES
 from .stages import RunData
@@ -185,7 +186,7 @@ def find_row_shift_probability(
     """Return the probability that a shaft's delay, of an effect's size known to `sd_s` (1 s.d.),
     comes from log rows that are shifted by one.
 
-    Where the gate moves, its delay decides (`row_order`).
+    Where the gate moves, its own delay counts too: rows that are shifted delay both drives.
     """
     if (
         part.id != SHAFT_DEAD_TIME.id
@@ -194,40 +195,27 @@ def find_row_shift_probability(
         or part.size <= 0.0
     ):
         return 0.0
+    row_s = float(np.median(np.diff(data.shaft.time_s)))
+    known_s = float(np.hypot(sd_s, find_tolerance(part.id, machine)))
+    names = sum(row.stage == "shaft" for row in EFFECT_ROWS.values())
+    odds = calc_row_log_odds(part.size, row_s, known_s, SHAFT_DEAD_TIME.usual, names)
     if (
         data.gate is not None
         and np.ptp(data.gate.command) > scale_nominal(machine, OPENING_RANGE) * EQUAL_COMMAND_MM
     ):
-        return 0.0
-    known_s = float(np.hypot(sd_s, find_tolerance(part.id, machine)))
-    names = sum(row.stage == "shaft" for row in EFFECT_ROWS.values())
-    return float(
-        expit(
-            calc_row_log_odds(
-                part.size,
-                float(np.median(np.diff(data.shaft.time_s))),
-                known_s,
-                SHAFT_DEAD_TIME.usual,
-                names,
-            )
-        )
-    )
+        odds += calc_late_gate_gain(data.gate, machine, row_s)
+    return float(expit(odds))
 
 
-def note_doubted_rows(
-    causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine
-) -> list[str]:
-    """Return findings about a shaft that is late by one row. causes : effects, and the standard
-    deviations of their sizes."""
-    if not any(
-        find_row_shift_probability(part, sd_s, data, machine) > MIN_LISTED_PROB
-        for part, sd_s in causes
-    ):
+def note_doubted_rows(probabilities: Sequence[float]) -> list[str]:
+    """Return findings about a shaft that is late by one row. probabilities : that its log is
+    shifted by a row, by effect (`find_row_shift_probability`)."""
+    if max(probabilities, default=0.0) <= MIN_LISTED_PROB:
         return []
     return [
         f"{SHAFT_DEAD_TIME.id}: it is as late as a row is long, and a log that writes "
-        "readings a row late looks "
-        "the same: a run in which the gate moves, or the import file's order of rows, would tell"
+        "readings a row late looks the same: the import file's order of rows would tell, or the "
+        "lag of a gate that moves"
     ]
 
 

@@ -330,6 +330,10 @@ def make_report(
             calc_unit_probability(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
         )
         varies = calc_size_spread(one)
+        by_rows = [
+            find_row_shift_probability(part, sd, data, machine)
+            for part, sd in zip(one.found.parts, one.found.sd, strict=True)
+        ]
         named = [
             _make_cause(
                 one,
@@ -340,17 +344,12 @@ def make_report(
                 max(
                     calc_unknown_prob(one, k, rest),
                     doubt * is_steady_part(part),
-                    find_row_shift_probability(part, sd, data, machine),
+                    by_rows[k],
                 ),
             )
             for k, (part, sd) in enumerate(zip(one.found.parts, one.found.sd, strict=True))
         ]
-        findings = (
-            *findings,
-            *note_doubted_rows(
-                tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine
-            ),
-        )
+        findings = (*findings, *note_doubted_rows(by_rows))
         named = [cause for cause in named if cause.probability > MIN_LISTED_PROB or not rest]
         causes += named
         unexplained += _list_unexplained(one, rest, rows, bool(named))

@@ -25,7 +25,8 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import ChannelSeries, make_channels
+from .channels import ChannelSeries, make_channels, make_drive_channel
+from .drives import Drive
 from .hypothesis import EffectInstance, Schedule, list_stages, make_schedule
 from .log import CleanLog
 from .nominal_values import MAX_OFFSET_SD, TIMING_HALVING_COUNT
@@ -220,6 +221,18 @@ def _climb_dead_time(
         ],
         [0.5**k for k in range(TIMING_HALVING_COUNT)],
     )
+
+
+def calc_late_gate_gain(gate: Drive, machine: Machine, late_s: float) -> float:
+    """Return the gain in log-likelihood of a gate that answers `late_s` later than its data sheet
+    says, each at the best dead time within its tolerance."""
+    seen = {"gate": make_drive_channel(gate, machine)}
+    delayed = machine.gate._replace(dead_time_s=machine.gate.dead_time_s + late_s)
+    now, late = (
+        _climb_dead_time(seen, "gate", one)
+        for one in (machine, machine.model_copy(update={"gate": delayed}))
+    )
+    return _calc_likelihood_gain(now.squares, late.squares) + now.cost - late.cost
 
 
 def _cut_beginning(log: CleanLog) -> CleanLog:
