@@ -23,7 +23,8 @@ job: null
 """
 
 
-def _cells(values: Any) -> list[str]:
+def write_cells(values: Any) -> list[str]:
+    """Returns a column as cells of a CSV file: an empty cell for NaN."""
     if values.dtype == object:
         return [str(v) for v in values]
     whole = np.isfinite(values) & (values == np.round(values)) & (np.abs(values) < 1e9)
@@ -42,7 +43,7 @@ def write_case(case: Case, folder: Path) -> Path:
     path = data / f"{case.name}.csv"
     lines = [
         ",".join(case.columns),
-        *map(",".join, zip(*[_cells(c) for c in case.columns.values()], strict=True)),
+        *map(",".join, zip(*[write_cells(c) for c in case.columns.values()], strict=True)),
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     if case.kind == "run":

@@ -1,0 +1,199 @@
+"""The examination is examined: proper scores, no peeking, a folder for each entry, cases as the
+README says, and the README's own entry."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import runpy
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HERE = ROOT / "benchmarks" / "examination"
+PATHS = [HERE, ROOT / "benchmarks" / "diagnosis", ROOT / "benchmarks", Path(__file__).parent]
+IDS = ("shaft.gain", "shaft.slow", "flow.gain", "scale.gain")
+
+
+@pytest.fixture(scope="module")
+def exam() -> Iterator[Any]:
+    """Modules of the examination by name; its program as `main`."""
+    before = list(sys.path)
+    sys.path[:0] = [str(path) for path in PATHS]
+    try:
+        modules = {name: importlib.import_module(name) for name in ("cases", "entries", "score")}
+        program = SimpleNamespace(**runpy.run_path(str(HERE / "__main__.py"), run_name="exam"))
+        yield SimpleNamespace(**modules, main=program)
+    finally:
+        sys.path[:] = before
+
+
+@pytest.fixture(scope="module")
+def table(exam: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A case with a bench table."""
+    return exam.cases.write_case(2, 17, tmp_path_factory.mktemp("exam"), "tuning")
+
+
+def _say(p: dict[str, float], none: float, unknown: float) -> dict[str, Any]:
+    return {"causes": p, "none": none, "unknown": unknown, "size": {}}
+
+
+def _truth(*ids: str, unknown: bool = False, alike: dict[str, list[str]] | None = None) -> Any:
+    return {
+        "ids": list(ids),
+        "unknown": unknown,
+        "none": not ids and not unknown,
+        "sizes": {},
+        "alike": alike or {},
+    }
+
+
+def test_who_says_what_is_true_of_many_machines_scores_best(exam: Any) -> None:
+    rng = np.random.default_rng(3)
+    true = {"shaft.gain": 0.3, "flow.gain": 0.1}
+    truths = [_truth(*(name for name, p in true.items() if rng.random() < p)) for _ in range(4000)]
+    said = _say(true, 0.63, 0.0)
+
+    def mean(answer: dict[str, Any], field: str) -> float:
+        return float(
+            np.mean([getattr(exam.score.score_answer(answer, t, IDS), field) for t in truths])
+        )
+
+    for field in ("log_score", "brier"):
+        best = mean(said, field)
+        for other in (
+            _say({**true, "shaft.gain": 0.4}, 0.63, 0.0),
+            _say({**true, "shaft.gain": 0.2}, 0.63, 0.0),
+            _say(true, 0.75, 0.0),
+            _say({"shaft.gain": 0.3}, 0.63, 0.0),
+        ):
+            assert mean(other, field) > best, field
+
+
+def test_what_is_left_out_costs_as_much_as_what_is_said_with_nought(exam: Any) -> None:
+    truth = _truth("shaft.gain")
+    short = exam.score.score_answer(_say({"shaft.gain": 1.0}, 0.0, 0.0), truth, IDS)
+    long = exam.score.score_answer(
+        _say({**dict.fromkeys(IDS, 0.0), "shaft.gain": 1.0}, 0.0, 0.0), truth, IDS
+    )
+    assert short == long
+    assert short.log_score == pytest.approx(-6 * np.log(0.999))
+
+
+def test_effects_that_leave_one_trace_are_one_label(exam: Any) -> None:
+    truth = _truth("flow.gain", alike={"flow.gain": ["scale.gain"]})
+    one = exam.score.score_answer(_say({"flow.gain": 0.5, "scale.gain": 0.5}, 0.0, 0.0), truth, IDS)
+    assert one.log_score == pytest.approx(-5 * np.log(0.999))
+    assert one.found
+
+
+def test_recordings_of_one_machine_are_resampled_together(exam: Any) -> None:
+    values = [0.0] * 50 + [1.0] * 50
+    apart = exam.score.find_interval(values, [""] * 100)
+    together = exam.score.find_interval(values, ["a"] * 50 + ["b"] * 50)
+    assert apart[0] == together[0] == 0.5
+    assert together[2] - together[1] > 4.0 * (apart[2] - apart[1])
+
+
+def test_brier_is_reliability_less_resolution_and_uncertainty(exam: Any) -> None:
+    truths = [_truth("shaft.gain")] * 3 + [_truth()] * 7
+    scored = [exam.score.score_answer(_say({"shaft.gain": 0.2}, 0.6, 0.05), t, IDS) for t in truths]
+    reliability, resolution, uncertainty = exam.score.split_brier(scored)
+    brier = float(np.mean([one.brier for one in scored]))
+    assert reliability - resolution + uncertainty == pytest.approx(brier, abs=1e-5)
+    assert reliability > 0.0 < resolution
+
+
+def test_an_entry_that_opens_the_truth_is_caught_and_has_no_answer(
+    exam: Any, table: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def peek(data: Path, machine: Path) -> dict[str, Any]:
+        truth = json.loads((table.truth / "truth.json").read_text(encoding="utf-8"))
+        return _say(dict.fromkeys(truth["ids"], 1.0), float(truth["none"]), 0.0)
+
+    monkeypatch.setitem(exam.entries.BUILT_IN, "peeks", peek)
+    kept = exam.main.ask_entry("peeks", table)
+    assert "only the scorer" in kept["trouble"]
+    assert kept["answer"]["causes"] == {}
+    # Afterwards the scorer reads it again.
+    assert json.loads((table.truth / "truth.json").read_text(encoding="utf-8"))
+
+
+def test_an_entry_finds_nothing_that_another_wrote_and_no_name_of_the_case(
+    exam: Any, table: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[list[str], str]] = []
+
+    def write(data: Path, machine: Path) -> dict[str, Any]:
+        seen.append((sorted(p.name for p in data.parent.iterdir()), str(data)))
+        (data.parent / "left.txt").write_text("said", encoding="utf-8")
+        return _say({}, 1.0, 0.0)
+
+    monkeypatch.setitem(exam.entries.BUILT_IN, "writes", write)
+    for _ in range(2):
+        assert exam.main.ask_entry("writes", table)["trouble"] is None
+    assert [names for names, _ in seen] == [["bench.csv", "kind.txt", "machine.yaml"]] * 2
+    assert seen[0][1] != seen[1][1] and table.folder.name not in seen[0][1]
+    assert not (table.folder / "left.txt").exists()
+
+
+def test_cases_are_what_the_readme_says_and_the_same_twice(
+    exam: Any, table: Any, tmp_path: Path
+) -> None:
+    again = exam.cases.write_case(2, 17, tmp_path, "tuning")
+    for name in ("bench.csv", "kind.txt", "machine.yaml"):
+        assert (again.folder / name).read_bytes() == (table.folder / name).read_bytes()
+    drive = exam.cases.write_case(4, 17, tmp_path, "tuning")
+    head = (drive.folder / "log.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert head == "time_s,shaft_rpm_cmd,shaft_rpm,supply_v"
+    truth = json.loads((drive.truth / "truth.json").read_text(encoding="utf-8"))
+    assert truth["none"] + truth["unknown"] + bool(truth["ids"]) == 1
+    assert not list(drive.folder.glob("*truth*"))
+
+
+def test_a_report_without_findings_says_none_and_the_prior_of_what_is_too_small(
+    exam: Any, tmp_path: Path
+) -> None:
+    drive = exam.cases.write_case(4, 23, tmp_path, "tuning")
+    kept = exam.main.ask_entry("topdress", drive)
+    assert kept["trouble"] is None
+    answer = kept["answer"]
+    assert 0.0 < answer["none"] <= 1.0 and 0.0 < answer["unknown"] < 1.0
+    said = [p for p in answer["causes"].values() if p < 0.5]
+    # The prior of the shaft's group is 0.3 over all its effects.
+    assert 0.0 < sum(said) < 0.3
+    assert kept["gain"] > 0.0
+
+
+def test_the_examination_knows_the_diagnosis_through_its_entry_only() -> None:
+    for path in sorted(HERE.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = (
+                [a.name for a in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module or ""]
+                if isinstance(node, ast.ImportFrom)
+                else []
+            )
+            for name in names:
+                if name.startswith("topdress.control.diagnosis"):
+                    assert path.name == "entries.py", f"{path.name} imports {name}"
+
+
+def test_the_readme_entry_runs_as_written(exam: Any, table: Any, tmp_path: Path) -> None:
+    text = (HERE / "README.md").read_text(encoding="utf-8")
+    code = text.split("```python\n")[1].split("```")[0]
+    lines = [line for line in code.splitlines() if line.strip()]
+    assert len(lines) <= 11
+    space: dict[str, Any] = {}
+    exec(code, space)
+    answer = space["diagnose"](table.folder / "bench.csv", table.folder / "machine.yaml")
+    truth = json.loads((table.truth / "truth.json").read_text(encoding="utf-8"))
+    assert exam.score.score_answer(answer, truth, IDS).log_score > 0.0
