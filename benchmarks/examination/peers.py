@@ -20,8 +20,8 @@ from scipy.special import expit
 TRAINED = Path(__file__).resolve().parents[2] / ".benchmarks" / "examination" / "trained"
 # Prior odds of a fault in a channel, shared by its faults.
 FAULT_ODDS = 0.3 / 0.7
-# Most rows that a library is given: series are thinned to fewer.
-MOST_ROWS = 1500
+# Most rows that a library is given: series are averaged to fewer. SysIdentPy is the slow one.
+MOST_ROWS, MOST_ROWS_NARMAX = 1500, 500
 
 
 class Said(NamedTuple):
@@ -46,11 +46,11 @@ def measure_rest(rest: Floats) -> float:
     return float(np.log(4.0 * spread / max(noise, 1e-12) + 1e-3))
 
 
-def _thin(channel: Channel) -> tuple[Floats, Floats, list[str]]:
+def _thin(channel: Channel, most: int = MOST_ROWS) -> tuple[Floats, Floats, list[str]]:
     """Returns a channel's residual (n,) and traces (n, k), each trace of unit r.m.s., averaged to
-    at most MOST_ROWS rows, and the traces' names."""
+    at most `most` rows, and the traces' names."""
     names = [n for n, x in channel.columns.items() if float(x @ x) > 1e-9 * len(x)]
-    block = -(-len(channel.left) // MOST_ROWS)
+    block = -(-len(channel.left) // most)
     count = len(channel.left) // block
 
     def average(x: Floats) -> Floats:
@@ -91,7 +91,7 @@ def find_by_sysidentpy(case: Plain) -> Said:
     odds: dict[str, float] = {}
     lefts = [0.0]
     for channel in case.channels:
-        y, traces, names = _thin(channel)
+        y, traces, names = _thin(channel, MOST_ROWS_NARMAX)
         if not names or len(y) < 20 or y.std() < 1e-9:
             continue
         model = FROLS(

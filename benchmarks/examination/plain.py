@@ -8,12 +8,12 @@ formulas.
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import yaml
 from scipy.signal import lfilter
 
@@ -58,15 +58,8 @@ class Plain(NamedTuple):
 def read_case(data: Path, machine: Path) -> Plain:
     """Returns residuals and traces of a run or of a bench table."""
     kind = (data.parent / "kind.txt").read_text(encoding="utf-8")
-    with data.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    columns: dict[str, Any] = {}
-    for name in rows[0]:
-        cells = [row[name] for row in rows]
-        try:
-            columns[name] = np.array([float(cell or "nan") for cell in cells])
-        except ValueError:
-            columns[name] = np.array(cells)
+    columns = {name: values.to_numpy() for name, values in pd.read_csv(data).items()}
+    columns = {n: x.astype(float) if x.dtype.kind in "if" else x for n, x in columns.items()}
     sheet = yaml.safe_load(machine.read_text(encoding="utf-8"))
     own = sheet.get("tolerance", {})
     tolerances = {
@@ -337,8 +330,8 @@ def count_rows(left: Floats) -> float:
 def fit_channel(
     channel: Channel, tolerances: dict[str, float], rows_in: npt.NDArray[np.bool_] | None = None
 ) -> dict[str, Fit]:
-    """Returns the fit of each trace alone, together with everything that a machine within its tolerances
-    may be off.
+    """Returns the fit of each trace alone, together with what a machine within its tolerances may
+    be off.
 
     The noise is what all traces together leave, of as many independent rows as its first
     autocorrelation says. rows_in : rows in which the faults act, (n,); default all.
