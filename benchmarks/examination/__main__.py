@@ -32,7 +32,8 @@ from kept import code_hash, done_in, written  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
 # Files that decide a case or an answer; scores are made anew from kept answers.
-DECIDING = [HERE / name for name in ("cases.py", "drives.py", "entries.py", "peers.py", "plain.py")]
+DECIDING = [HERE / name for name in ("cases.py", "drives.py", "entries.py")]
+DECIDING_PEERS = [HERE / name for name in ("learner.py", "peers.py", "plain.py")]
 # Processor time that an entry may take for a case, s; a later answer counts as none.
 LIMIT_S = 60.0
 NO_ANSWER: dict[str, Any] = {"causes": {}, "none": 0.5, "unknown": 0.5, "size": {}}
@@ -147,8 +148,15 @@ def ask_all(tasks: Sequence[Task], jobs: int) -> Iterator[dict[str, dict[str, An
 def keep_answers(args: argparse.Namespace, names: Sequence[str]) -> dict[str, dict[int, Any]]:
     """Returns the kept answers by entry and case, those not there before asked for, each written
     as soon as it is there."""
-    code = code_hash([path for path in DECIDING if path.exists()])
-    files = {name: args.folder / "answers" / f"{name}-{args.seed}-{code}.jsonl" for name in names}
+    from entries import PEERS
+
+    own, peers = code_hash(DECIDING), code_hash([*DECIDING, *DECIDING_PEERS])
+    files = {
+        name: args.folder
+        / "answers"
+        / f"{name}-{args.seed}-{peers if name in PEERS else own}.jsonl"
+        for name in names
+    }
     numbers = range(args.start, args.start + args.cases)
     kept = {name: done_in(path) for name, path in files.items()}
     kept = {n: {k: one for k, one in of.items() if k in numbers} for n, of in kept.items()}

@@ -79,11 +79,13 @@ def diagnose_topdress(data: Path, machine: Path) -> Answer:
     }
 
 
-def _find_group(channel: str) -> str:
-    """Returns the group of stages that a channel belongs to; the prior is one for each."""
+def _find_group(effect_id: str, channels: tuple[str, ...]) -> str:
+    """Returns the group of stages of an effect, for each of which there is one prior; the effects
+    of a bench table alone are a group by their name."""
     from topdress.control.diagnosis.runs.model import CHANNEL_GROUPS
 
-    return next((group for group, of in CHANNEL_GROUPS.items() if channel in of), channel)
+    own = effect_id.split(".")[0]
+    return next((group for group, of in CHANNEL_GROUPS.items() if {*channels} & {*of}), own)
 
 
 def read_probabilities(found: Any, model: Any) -> tuple[dict[str, float], float]:
@@ -100,7 +102,7 @@ def read_probabilities(found: Any, model: Any) -> tuple[dict[str, float], float]
 
     # What this data cannot show at any size is not hidden in it (README.md).
     shown = [one for one in found.not_shown if one.smallest_detectable.value is not None]
-    groups = {one.id: _find_group(EFFECT_ROWS[one.id].channels[0]) for one in shown}
+    groups = {one.id: _find_group(one.id, EFFECT_ROWS[one.id].channels) for one in shown}
     causes: dict[str, float] = {}
     for one in shown:
         usual = EFFECT_ROWS[one.id].scale_to_machine(model).usual

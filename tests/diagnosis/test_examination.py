@@ -172,6 +172,17 @@ def test_a_report_without_findings_says_none_and_the_prior_of_what_is_too_small(
     assert kept["gain"] > 0.0
 
 
+def test_a_report_on_a_table_names_effects_of_tables_only(exam: Any, table: Any) -> None:
+    kept = exam.main.ask_entry("topdress", table)
+    assert kept["trouble"] is None
+    kind = (table.folder / "kind.txt").read_text(encoding="utf-8")
+    assert all(
+        name.split(".")[0] in (kind, "flow", "scale", "speed", "shaft", "canopy", "place")
+        for name in kept["answer"]["causes"]
+    )
+    assert sum(kept["answer"]["causes"].values()) < 2.0
+
+
 def test_the_examination_knows_the_diagnosis_through_its_entry_only() -> None:
     for path in sorted(HERE.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
