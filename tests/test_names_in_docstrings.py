@@ -5,9 +5,7 @@ and left behind in a sentence sends its reader to nothing.
 from __future__ import annotations
 
 import ast
-import io
 import re
-import tokenize
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +19,11 @@ EXAMPLES = ("drivers/files/imports", "drivers/files/prescriptions")
 OTHER_NAMES = {"su", "sudo", "mpremote", "hh", "attrunit", "rate_unit", "UnitType", "speed_used"}
 NAME = re.compile(r"`([A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)(?:\([^`]*\))?`")
 
+# A string is read as one, so that no quotation mark or # within it begins another.
+PROSE_OR_STRING = re.compile(
+    r'''[A-Za-z]*"""[\s\S]*?"""|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|#[^\n]*'''
+)
+
 
 def list_modules() -> list[Path]:
     return [
@@ -32,23 +35,21 @@ def list_modules() -> list[Path]:
 
 
 @cache
-def read_tokens(path: Path) -> list[tokenize.TokenInfo]:
-    return list(tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline))
-
-
-def is_prose(token: tokenize.TokenInfo) -> bool:
-    docstring = token.type == tokenize.STRING and token.string.startswith('"""')
-    return docstring or token.type == tokenize.COMMENT
+def read_parts(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Docstrings and comments of a module with the line where each begins; all else."""
+    text, prose, code, end = path.read_text(encoding="utf-8"), [], [], 0
+    for part in PROSE_OR_STRING.finditer(text):
+        if part[0].startswith(('"""', "#")):
+            prose.append((text.count("\n", 0, part.start()) + 1, part[0]))
+            code.append(text[end : part.start()])
+            end = part.end()
+    return prose, "".join((*code, text[end:]))
 
 
 @cache
 def collect_words(path: Path) -> frozenset[str]:
     """The identifiers of a module, and the words of its texts, but for docstrings and comments."""
-    words: set[str] = set()
-    for token in read_tokens(path):
-        if token.type in (tokenize.NAME, tokenize.STRING) and not is_prose(token):
-            words.update(re.findall(r"\w+", token.string))
-    return frozenset(words)
+    return frozenset(re.findall(r"\w+", read_parts(path)[1]))
 
 
 @cache
@@ -61,10 +62,10 @@ def collect_all_words() -> frozenset[str]:
 def list_missing(path: Path, known: frozenset[str]) -> list[str]:
     """The names in a module's prose that are not in `known`, each with its line."""
     missing = []
-    for token in filter(is_prose, read_tokens(path)):
-        for name in NAME.findall(token.string):
+    for line, text in read_parts(path)[0]:
+        for name in NAME.findall(text):
             if not OTHER_NAMES.issuperset(lost := set(name.split(".")) - known):
-                missing.append(f"{path.relative_to(ROOT)}:{token.start[0]} `{name}`: {lost}")
+                missing.append(f"{path.relative_to(ROOT)}:{line} `{name}`: {lost}")
     return missing
 
 
@@ -75,7 +76,9 @@ def test_names_in_prose_exist() -> None:
 
 def list_called_methods(path: Path) -> list[str]:
     """The methods that a class's docstring tells its caller to call, and which the class lacks."""
-    missing = []
+    missing: list[str] = []
+    if not any("is called" in " ".join(text.split()) for _, text in read_parts(path)[0]):
+        return missing
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         text = ast.get_docstring(node) if isinstance(node, ast.ClassDef) else None
         plain = " ".join((text or "").split())

@@ -131,6 +131,7 @@ def check_recipe(tree: Path, recipe: Recipe, left_out: int | None) -> str:
 TITLES = ("A device with a line of its own", "A format of files")
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("title", TITLES)
 def test_a_recipe_works(title: str, tree: Path) -> None:
     recipe = read_recipe(title)

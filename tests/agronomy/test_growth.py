@@ -76,6 +76,7 @@ def ticks(growth: GrowthStage | None):
     ]
 
 
+@pytest.mark.exam
 def test_a_start_beyond_the_window_is_said_and_works():
     seen = ticks(GrowthStage(scale="feekes", stage=8))
     events = [tick.row.events for tick in seen if tick.row.events and "growth" in tick.row.events]

@@ -50,8 +50,7 @@ def test_all_stories_are_played_here(session):
     assert tuple(session.SESSIONS) == NAMES
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.exam] * (name != NAMES[0])) for name in NAMES]
-)
+@pytest.mark.exam
+@pytest.mark.parametrize("name", NAMES)
 async def test_a_story(session, name):
     await session.play(session.SESSIONS[name])

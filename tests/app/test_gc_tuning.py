@@ -48,6 +48,7 @@ def test_once_after_a_sweep_and_not_for_ever():
         assert one.left == max(0, MAX_FREEZES - 1 - look)
 
 
+@pytest.mark.exam
 def test_little_is_left_to_the_sweeps_of_python():
     one = FreezeSchedule(LIVES)
     gc.collect()

@@ -143,6 +143,7 @@ def test_flow_provenance_is_written_and_the_old_machine_untouched() -> None:
     assert fit.rows_used == 27
 
 
+@pytest.mark.exam
 def test_lag_line_comes_back_and_rows_beyond_its_range_do_not_bend_it() -> None:
     lines = [fit_lag(lag(2.4, -0.009, seed=seed), MACHINE)[1] for seed in range(60)]
     assert (

@@ -155,6 +155,7 @@ def test_turned_by_hand_the_counts_become_a_line_of_the_boards_settings(by_hand,
     assert said in person.screen()
 
 
+@pytest.mark.exam
 def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path):
     out, turns = tmp_path / "board_settings.py", 3
     person = Person(

@@ -52,6 +52,7 @@ def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
     assert beside.exit_code == 2 and "allowed is another name" in beside.output
 
 
+@pytest.mark.exam
 def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
     tmp_path: Path,
 ) -> None:
@@ -93,6 +94,7 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
     assert not load_config(str(out), MACHINE_KIND).model.has_stage("effort")
 
 
+@pytest.mark.exam
 def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     log, out = log_of(tmp_path / "fan-log.csv", one_way=True, steps=30), tmp_path / "fan.yaml"
     done = topdress("machine", "--from", log, "--out", out, "--kind", "fan", "--yes")

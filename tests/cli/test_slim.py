@@ -104,7 +104,7 @@ def slim(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Ran
         "map run.csv --out applied.shp",
         "field field.kml --out field.yaml --job demo",
         "map run.csv --out sheet.html",
-        "reproduce --out papers",
+        pytest.param("reproduce --out papers", marks=pytest.mark.exam),
     ],
     ids=lambda words: words.replace(str(ROOT), "").replace("/", "_")[:40],
 )

@@ -120,6 +120,7 @@ def test_what_a_held_speed_hides_is_said_by_the_drives_effort(
     assert set(begins) == said and all(40.0 < at_s < 50.0 for at_s in begins.values())
 
 
+@pytest.mark.exam
 def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: Any) -> None:
     """The turn ends nearer to the field than the heads look ahead."""
     run = simulated(120.0, sim={"pass_length_m": 40.0, "run_in_m": 6.0})
@@ -184,6 +185,7 @@ def test_a_refill_is_made_and_told(simulated: Any) -> None:
     assert max(step.truth.hopper_kg for step in run.steps) > 290.0
 
 
+@pytest.mark.exam
 def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: Any) -> None:
     """Nothing on the machine sees the ground: the drives do the same, and only what lands
     differs."""

@@ -310,6 +310,7 @@ def test_only_the_canopy_has_no_mean_of_its_own():
 # --------------------------
 
 
+@pytest.mark.exam
 def test_held_is_what_the_machine_does_and_the_needs_are_what_the_crop_gets(simulated: Any) -> None:
     found = simulated(60.0).errors
     assert (

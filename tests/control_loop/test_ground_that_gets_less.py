@@ -99,6 +99,7 @@ def test_margins_of_a_field():
         Ground(margins=(BROOK,))
 
 
+@pytest.mark.exam
 def test_zones_are_a_factor_of_the_rule():
     """North of 40 m half, north of 60 m nothing: of the targets decided there, to within a
     decision's way."""

@@ -146,6 +146,7 @@ def test_it_is_levelled_to_the_heads_and_nearer_than_the_fallback(by_map: Run) -
     assert near < 0.6 * far
 
 
+@pytest.mark.exam
 def test_a_machine_without_heads_goes_by_the_map_alone() -> None:
     run = driven(True, "never")
     print(f"no heads at all: {off_kg_ha(run, 30.0):.1f} kg/ha from the rule's rate")
@@ -372,6 +373,7 @@ def driven_by_both():
     return ticks, record.make_columns(), grid, record.fired
 
 
+@pytest.mark.exam
 def test_a_run_follows_both(driven_by_both):
     ticks, columns, grid, _ = driven_by_both
     rows = [tick.row for tick in ticks if tick.row.time_s > 25.0]

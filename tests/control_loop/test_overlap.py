@@ -128,6 +128,7 @@ def test_neighbouring_passes_are_no_overlap(setup: Setup) -> None:
     assert not [gap for gap in skipped(columns, land) if gap[0] > 46.0]
 
 
+@pytest.mark.exam
 def test_the_headland_has_its_own_rate_or_none(setup: Setup) -> None:
     square = ((-20.0, 0.0), (20.0, 0.0), (20.0, 60.0), (-20.0, 60.0))
     way = [PathLeg(0.0, -20.0, 0.0, 120.0, 0.0)]

@@ -237,6 +237,7 @@ def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> Non
     assert not any(sections.find_valves(2.0, 0.05, ()))
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     "strategy",
     [Strategy.OPENING_FIRST, pytest.param(Strategy.SPEED_FIRST, marks=pytest.mark.exam)],

@@ -58,6 +58,7 @@ def test_what_is_no_told_speed(text):
     assert parse_announcement(text, 10.0) is None
 
 
+@pytest.mark.exam
 def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
     """A tractor that tells its plan, and brakes: without the column the rerun forecasts
     otherwise."""

@@ -110,6 +110,7 @@ def test_what_is_picked_by_its_name_is_adopted(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.exam
 def test_a_rival_whose_size_nobody_knows_cannot_be_picked(tmp_path: Path) -> None:
     cause = diagnosed(tmp_path)[1]["causes"][0]
     rival = next(one["id"] for one in cause["rivals"] if one["id"] != cause["id"])

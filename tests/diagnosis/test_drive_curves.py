@@ -53,6 +53,7 @@ def test_the_file_with_them_predicts_the_next_staircase(curve: Diagnosis) -> Non
     assert error_on(other, extend(DRIVE, curve)) < 0.1 * error_on(other, DRIVE)
 
 
+@pytest.mark.exam
 def test_a_drive_that_no_name_fits_is_adopted_as_a_whole() -> None:
     found, other = diagnose_run(steps(1), DRIVE), steps(2)
     assert found.fitted is not None
@@ -197,6 +198,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     assert "as a whole" in " ".join(panel_views.make_channels_view(found).gains)
 
 
+@pytest.mark.exam
 def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:
     """Readings in steps of 16 r/min hide what a slope says of a lag; what all rows say of it
     they do not hide."""

@@ -274,6 +274,7 @@ def with_effort() -> Machine:
     return load_config("huanghai", MACHINE_KIND).model
 
 
+@pytest.mark.exam
 def test_a_current_sensor_that_reads_by_the_supply_is_no_bridge() -> None:
     """It reads 40 % more for each missing volt, so less at a high supply; the scale says that
     the flow is sound."""

@@ -50,6 +50,7 @@ def test_what_is_put_right_is_a_copy(printed) -> None:
     assert np.isnan(found[7]) and not np.signbit(found[8]) and found[9] == 1.23456789
 
 
+@pytest.mark.exam
 def test_arrays_that_cannot_be_written_and_columns_that_are_not_read_change_no_answer(
     printed,
 ) -> None:

@@ -123,6 +123,7 @@ def test_tables_that_tie_are_answered_alike_by_two_kernels(tmp_path: Path) -> No
     assert bits.differences(cases, one, other) == []
 
 
+@pytest.mark.exam
 def test_tables_moved_by_a_hair_are_answered_alike() -> None:
     # the others: the exam below
     cases = made_tables()[::2] + papers_tables()[: len(PAPERS) : 2]

@@ -93,6 +93,7 @@ def test_a_machine_is_named_or_refused() -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.exam
 def test_the_page_ends_with_a_model_that_predicts_better(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

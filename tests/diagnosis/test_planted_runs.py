@@ -331,6 +331,7 @@ def test_what_is_not_named_has_a_smallest_size_or_none_at_all() -> None:
     }, "no effort"
 
 
+@pytest.mark.exam
 def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell() -> None:
     found = diagnose_run(whole_run(8, machine=wrong({"flow.gain": 6.0})), Machine())
     assert found.verdict == "ambiguous"
@@ -351,6 +352,7 @@ def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell() -> Non
     )
 
 
+@pytest.mark.exam
 def test_what_no_effect_explains_is_said_with_its_variable() -> None:
     found = diagnose_run(
         planted_in(
@@ -385,6 +387,7 @@ def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_n
     assert gain.after < others["nameless"].after * 1.02 and gain.after < others["placebo"].after
 
 
+@pytest.mark.exam
 def test_the_same_log_gives_the_same_diagnosis() -> None:
     columns = whole_run(16, 60.0, wrong({"flow.slope": 1.0}))
     assert diagnose_run(columns, Machine()).to_json() == diagnose_run(columns, Machine()).to_json()

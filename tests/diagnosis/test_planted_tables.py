@@ -705,6 +705,7 @@ def test_a_constant_extra_lag_and_a_late_shaft_are_told_apart_by_a_response_test
     )
 
 
+@pytest.mark.exam
 def test_what_was_not_shown_has_a_size_or_none() -> None:
     found = diagnosed(catch_grid(rng_of(7), steady))
     smallest = {one.id: one.smallest_detectable.value for one in found.not_shown}

@@ -75,6 +75,7 @@ def diagnosed(*texts: str, seed: int = 1) -> Diagnosis:
     return diagnose_run(shaft_log(*texts, seed=seed), Machine())
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     ("text", "form", "over"),
     [

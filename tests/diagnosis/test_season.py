@@ -330,6 +330,7 @@ def test_what_scatters_about_shared_causes_is_what_all_of_them_leave() -> None:
     assert len(scatter) >= 3 and scatter == pytest.approx([1.0] * len(scatter), rel=0.2)
 
 
+@pytest.mark.exam
 def test_ninety_of_a_hundred_intervals_hold_the_truth() -> None:
     """Of all operators of twelve seasons, told or not: 28 of 36 or more are what 90 % give in
     98 of 100 such tests."""

@@ -63,6 +63,7 @@ def drive_log(seed: int, top_rpm: float, comes_from_rpm: float | None) -> Column
     }
 
 
+@pytest.mark.exam
 def test_what_they_share_is_named_once_and_what_differs_by_log() -> None:
     found = diagnose_runs(
         [wheel_log(1, 1.03), wheel_log(2, 1.03), wheel_log(3, 1.03, gnss_late_s=0.8)],

@@ -81,6 +81,7 @@ def test_few_shared_speeds_say_nothing() -> None:
     assert compare_lag_series([short, table("t.csv", 0.01, 2, lag_s=TIME_S)], MACHINE) == ()
 
 
+@pytest.mark.exam
 def test_the_papers_tables_across_each_other() -> None:
     found = diagnosed(paper("lag_table1_distance"), paper("lag_table4_total")).findings
     assert any(

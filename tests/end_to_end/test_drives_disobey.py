@@ -79,6 +79,7 @@ def test_orders_played_in_again_turn_nothing_and_are_said(benchmark_module, name
     assert found.state == ("fault" if name == "working" else "off")
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     "machine", [pytest.param("huanghai", marks=pytest.mark.exam), "huanghai_sections"]
 )

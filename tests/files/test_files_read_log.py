@@ -233,6 +233,7 @@ def test_the_quick_and_the_careful_way_agree(tmp_path: Path, full_row: MakeRow) 
     assert list(careful.rows()) == quick == [as_logged(row) for row in rows]
 
 
+@pytest.mark.exam
 def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
     """Reading takes some seven times as long as the division of the lines into cells; twice as
     long would be seen."""

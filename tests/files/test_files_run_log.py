@@ -381,6 +381,7 @@ def test_a_row_that_is_none_never_ends_the_log(tmp_path: Path, full_row: MakeRow
     assert log.path.read_text().count("\n") == 2
 
 
+@pytest.mark.exam
 def test_an_hour_is_written_at_the_pace_of_its_first_minutes(
     tmp_path: Path, full_row: MakeRow
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
@@ -121,7 +122,11 @@ def find_lists(root: Path) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for room in ("control", "drivers", "console"):
         for path in sorted((root / room).rglob("*.py")):
-            for name, _ in iter_lists(path.read_text(encoding="utf-8")):
+            text = path.read_text(encoding="utf-8")
+            # Most modules name too few to be looked at.
+            if len(SIGNALS.keys() & set(re.findall(r"""["'](\w+)["']""", text))) < LEAST_NAMES:
+                continue
+            for name, _ in iter_lists(text):
                 found.setdefault(path.relative_to(root).as_posix(), set()).add(name)
     return found
 

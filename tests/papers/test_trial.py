@@ -99,6 +99,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     return Driven(folder, fallen)
 
 
+@pytest.mark.exam
 def test_the_machines_7_percent_are_found_again(driven: Driven) -> None:
     trial = read_trial(driven.plots, driven.log, driven.weights)
     for plot in trial.plots:

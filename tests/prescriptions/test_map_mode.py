@@ -233,6 +233,7 @@ def test_the_shipped_job_is_right() -> None:
     assert "ok (topdress-job/1)" in invoke("check", "map_demo")
 
 
+@pytest.mark.exam
 def test_a_run_follows_the_map_and_its_replay_finds_the_map_again(
     job: Path, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def rows_of(log: Path) -> list[dict[str, str]]:
         ]
 
 
+@pytest.mark.exam
 def test_the_log_tells_what_was_wanted_and_the_alarm_that_it_was_cut(cut: tuple[Path, str]) -> None:
     rows = rows_of(cut[0])
     assert {row["target_rate_kg_ha"] for row in rows} == {"1000.0", "300.0"}

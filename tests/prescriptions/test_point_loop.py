@@ -105,6 +105,7 @@ def test_doses_fall_at_the_plants_of_a_camera_and_learning_takes_the_bias_out(be
     )
 
 
+@pytest.mark.exam
 def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Setup) -> None:
     job = job_of(bench, {"plants": None, "camera": None, "passes": 1})
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)

@@ -692,6 +692,7 @@ def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
         unpack_raster(pack_raster(one_pass.make_raster()) | change)
 
 
+@pytest.mark.exam
 def test_a_long_day_is_thinned_not_forgotten():
     done = WorkedGroundRecord(MACHINE)
     for k in range(int(MAX_TRACK_PLACES * 1.5)):

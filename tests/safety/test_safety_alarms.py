@@ -369,6 +369,7 @@ def test_acknowledged_red_stays_while_its_cause_does(working):
 
 
 class TestRate:
+    @pytest.mark.exam
     def test_a_day_of_one_second_grades_raises_none(self, working):
         """Rates step every second over the eleven grades; applied follows with the shaft's
         nominal lag, 2 % noise."""

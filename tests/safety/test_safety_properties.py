@@ -472,7 +472,8 @@ class Rules(RuleBasedStateMachine):
             assert self.verdict.state is self.state
 
 
-QUICK = settings(
+# Of make exam; make test runs a third of them, which are the first of the same ones.
+ALL = settings(
     max_examples=150,
     stateful_step_count=25,
     deadline=None,
@@ -481,15 +482,15 @@ QUICK = settings(
 )
 
 
-def test_nothing_breaks_the_rules():
-    run_state_machine_as_test(lambda: Rules(has_work_switch=False), settings=QUICK)
-
-
-def test_nothing_breaks_the_rules_with_a_work_switch():
-    run_state_machine_as_test(lambda: Rules(has_work_switch=True), settings=QUICK)
-
-
 @pytest.mark.parametrize("has_work_switch", [False, True])
+@pytest.mark.parametrize("examples", [50, pytest.param(150, marks=pytest.mark.exam)])
+def test_nothing_breaks_the_rules(examples, has_work_switch):
+    run_state_machine_as_test(
+        lambda: Rules(has_work_switch), settings=settings(ALL, max_examples=examples)
+    )
+
+
+@pytest.mark.parametrize("has_work_switch", [False, pytest.param(True, marks=pytest.mark.exam)])
 @pytest.mark.parametrize("state", [state for state in State if state is not State.OFF])
 def test_every_single_disturbance_in_every_state(state, has_work_switch):
     """No chance in this one: each value of each disturbance, in each state and, at work, in

@@ -145,6 +145,7 @@ def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path)
     json.dumps(said)
 
 
+@pytest.mark.exam
 def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> None:
     """The size by many short logs is that of their mean, with an error by the square root
     smaller."""
@@ -520,6 +521,7 @@ for door in sys.argv[1:]:
 """
 
 
+@pytest.mark.exam
 def test_nobody_else_on_this_computer_reaches_the_workers() -> None:
     """Who reaches a Dask scheduler, or one of its workers, runs code as its user: any program
     on loopback did."""
@@ -930,6 +932,7 @@ def hidden(folder: str) -> None:
     sys.addaudithook(refuse)
 
 
+@pytest.mark.exam
 def test_workers_in_other_folders_find_logs_by_relative_paths(
     tmp_path: Path, two_workers: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -942,6 +945,7 @@ def test_workers_in_other_folders_find_logs_by_relative_paths(
     assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
 
 
+@pytest.mark.exam
 def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(
     tmp_path: Path, two_workers: Any
 ) -> None:

@@ -90,6 +90,7 @@ def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path
     assert not (folder / "broken.import.yaml").exists() and not (tmp_path / "logs").exists()
 
 
+@pytest.mark.exam
 def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path: Path) -> None:
     service, told = DiagnosisFiles([folder], own=tmp_path / "own"), []
     source = service.find_source(str(folder / "tractor.csv"))

@@ -109,21 +109,21 @@ def bench(tmp_path, fake):
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
     assert bench.ask(ClientQuestion.LAG_TEST).accepted
     bench.host.lag.begin_lag_test(
-        tmp_path / "run.lag.1.csv", LagTestPlan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
+        tmp_path / "run.lag.1.csv", LagTestPlan((10.0, 40.0, 70.0), repeats=1, settle_s=2.5)
     )
     view = bench.run(5.0).lag_test
     assert (view.phase, view.runs) == ("settling", ()) and not any(
         row.shaft_rpm_cmd for row in bench.writer.rows
     )
     bench.held = True
-    view = bench.run(60.0).lag_test
-    assert (view.phase, view.progress, view.left_out, len(view.runs)) == ("done", 1.0, 0, 6)
+    view = bench.run(35.0).lag_test
+    assert (view.phase, view.progress, view.left_out, len(view.runs)) == ("done", 1.0, 0, 3)
     assert {row.shaft_rpm_cmd for row in bench.writer.rows} == {0.0, 10.0, 40.0, 70.0}
     responses = [response_s for _, response_s, _ in view.runs]
     assert statistics.mean(responses) == pytest.approx(bench.machine.shaft.dead_time_s, abs=0.06)
     bench.host.close_run("end")
     table = read_bench_table(tmp_path / "run.lag.1.csv", None)
-    assert (table.kind, table.rows, view.table_path) == ("lag", 6, str(tmp_path / "run.lag.1.csv"))
+    assert (table.kind, table.rows, view.table_path) == ("lag", 3, str(tmp_path / "run.lag.1.csv"))
     assert [
         tuple(row)
         for row in zip(
@@ -131,7 +131,7 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
         )
     ] == pytest.approx([tuple(round(value, 3) for value in run) for run in view.runs])
     _, line = fit_lag(table, bench.machine)
-    assert line.measured == "drop_s" and line.rows_used == 6
+    assert line.measured == "drop_s" and line.rows_used == 3
 
 
 def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(bench, tmp_path):

@@ -223,6 +223,7 @@ async def test_a_worker_that_ends_in_the_middle_of_a_line_is_gone(last):
             await asyncio.wait_for(link.run_connection(), 10.0)
 
 
+@pytest.mark.exam
 @posix
 async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attach):
     where = running()
@@ -521,6 +522,7 @@ async def test_looking_with_the_key_does_not_keep_the_machine_working(running, a
     client.close()
 
 
+@pytest.mark.exam
 def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
     def start(_: int) -> WorkerAddress | str:
         try:
