@@ -81,6 +81,7 @@ lock: .venv-tools/.installed
 	$(TOOLS)/$(LOCK) --upgrade requirements/build.in --output-file requirements/build.txt
 	$(TOOLS)/$(LOCK) --upgrade -c requirements/dev.txt pyproject.toml --extra diagnosis --output-file requirements/run.txt
 	$(TOOLS)/$(LOCK) --upgrade -c requirements/dev.txt pyproject.toml $(EXTRAS:%=--extra %) --output-file requirements/extras.txt
+	$(TOOLS)/$(LOCK) --upgrade pyproject.toml --extra diagnosis requirements/build.in requirements/examination.in --output-file requirements/examination.txt
 
 # Who wrote what the program needs, under which licence (docs/licences.md is made by this).
 licences: .venv-tools/.installed
