@@ -187,6 +187,7 @@ async def click_palette(app, pilot):
     await pilot.click("#keys", offset=(palette[1] + 1, 0))
 
 
+@pytest.mark.exam
 async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width(full, turned):
     """So that what is not on the bar or the page can be clicked in the palette."""
     async with full.run_test(size=(80, 24)) as pilot:

@@ -193,6 +193,7 @@ async def test_a_refill_with_a_comma_is_that_refill(app, source, shown):
             ), text
 
 
+@pytest.mark.exam
 async def test_nothing_is_dropped_from_what_is_no_number(app, source, pilot):
     for text in (
         "1e3",

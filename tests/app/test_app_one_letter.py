@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from topdress.console import app as console_app
 from topdress.console.app import actions
 
@@ -164,6 +165,7 @@ def test_a_key_that_a_text_names_is_a_key():
     assert {text for text, _chinese in catalogue() if not set(keys_named(text)) <= shown} == set()
 
 
+@pytest.mark.exam
 async def test_the_menu_lists_what_has_no_letter(picture, shown):
     for size in ((120, 40), (80, 24), (60, 20)):
         app = picture(size=size, screen="job")

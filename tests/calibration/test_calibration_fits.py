@@ -519,6 +519,7 @@ def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> 
     assert calc_drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)
 
 
+@pytest.mark.exam
 def test_the_commands_write_new_machine_files_with_provenance(tmp_path: Path) -> None:
     log = tmp_path / "run.csv"
     done = topdress(

@@ -13,6 +13,7 @@ from topdress.control.machine.fall import Fall, find_start_drop_s
 from tests.command import TOPDRESS, serving, topdress
 
 
+@pytest.mark.exam
 def test_one_run_on_real_bytes_gives_a_table_that_is_read(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
     with serving("--lag-rig") as urls:

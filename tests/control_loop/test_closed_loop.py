@@ -46,8 +46,8 @@ def landed_over_target(run: Any) -> float:
 
 
 def test_a_planted_gain_reaches_the_ground_unknown_to_the_controller(simulated: Any) -> None:
-    plain = landed_over_target(simulated(60.0, flow_trim=False))
-    heavy = landed_over_target(simulated(60.0, effects=["flow.gain=8"], flow_trim=False))
+    plain = landed_over_target(simulated(30.0, flow_trim=False))
+    heavy = landed_over_target(simulated(30.0, effects=["flow.gain=8"], flow_trim=False))
     assert heavy / plain == pytest.approx(1.08, abs=0.004)
 
 
@@ -177,6 +177,7 @@ def test_the_canopy_has_the_wanted_mean_and_cv() -> None:
     assert abs(far) < 0.35
 
 
+@pytest.mark.exam
 def test_a_refill_is_made_and_told(simulated: Any) -> None:
     run = simulated(120.0, sim={"hopper_kg": 25.0, "refill_stop_s": 5.0})
     events = [step.tick.row.events for step in run.steps if step.tick.row.events]
@@ -200,6 +201,7 @@ def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: An
     )
 
 
+@pytest.mark.exam
 def test_while_nobody_has_measured_the_tube_speed_first_does_not_count_on_it(
     simulated: Any,
 ) -> None:

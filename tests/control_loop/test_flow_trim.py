@@ -90,6 +90,7 @@ def test_six_per_cent_more_are_taken_back_in_two_minutes() -> None:
     assert max(np.abs(run.trim - 1.06)[-200:].max() for run in runs) < 0.015
 
 
+@pytest.mark.exam
 def test_a_healthy_machine_is_left_alone() -> None:
     """Also in its first minute, when a straight line through the scale's noise says anything
     from -5 to +5 %."""
@@ -114,6 +115,7 @@ def test_what_flows_more_a_revolution_is_told_from_a_gain_where_the_opening_chan
     assert np.abs(run.trim - run.right)[-3000:].mean() < 0.006 and np.std(run.right[-3000:]) > 0.008
 
 
+@pytest.mark.exam
 def test_a_slope_is_told_from_a_gain() -> None:
     run = work(
         1500.0, 4, lambda now, grams, pitch: (grams * (1.0 + 0.007 * pitch), 0.0), slope_deg=5.0

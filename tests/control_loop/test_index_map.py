@@ -115,6 +115,7 @@ def by_map() -> Run:
     return driven(True, "silent_later")
 
 
+@pytest.mark.exam
 def test_the_map_goes_on_where_the_heads_fall_silent(by_map: Run) -> None:
     after = [
         tick.row

@@ -106,6 +106,7 @@ def test_the_first_pass_is_not_crossed_with_a_second_dose(setup: Setup) -> None:
     assert totals.applied_n_kg == pytest.approx(totals.applied_kg * setup.crop.product_n_fraction)
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("how", ["job", "order"])
 def test_switched_off_it_is_crossed_like_any_ground(setup: Setup, how: str) -> None:
     orders = [(1.0, Order(Do.READY)), (4.0, Order(Do.START))]
@@ -212,6 +213,7 @@ def run(crop, seconds, orders=()):
     return [step.tick for step in closed.through(seconds, [*begin, *orders])]
 
 
+@pytest.mark.exam
 def test_both_strips_count_without_a_new_start(field_crop):
     told = [StripMean("nrich", 0.66, 0.004, 40), StripMean("check", 0.55, 0.005, 38)]
     ticks = run(

@@ -112,6 +112,7 @@ def test_strips_lie_side_by_side_over_the_width() -> None:
     assert left.share + middle.share + right.share == pytest.approx(1.0)
 
 
+@pytest.mark.exam
 def test_sections_without_valves_change_nothing(setup: Setup) -> None:
     plain = setup.machine.model_copy(update={"sections": ()})
     told = setup.machine.model_copy(update={"sections": (Section(outlets=3), Section(outlets=3))})
@@ -238,10 +239,7 @@ def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> Non
 
 
 @pytest.mark.exam
-@pytest.mark.parametrize(
-    "strategy",
-    [Strategy.OPENING_FIRST, pytest.param(Strategy.SPEED_FIRST, marks=pytest.mark.exam)],
-)
+@pytest.mark.parametrize("strategy", [Strategy.OPENING_FIRST, Strategy.SPEED_FIRST])
 def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Strategy) -> None:
     """A pass along x = 1.2 that enters and leaves a field askew: judged by the plant."""
     job = manual(

@@ -40,6 +40,7 @@ def curve() -> Diagnosis:
     return diagnose_run(staircase(1), DRIVE)
 
 
+@pytest.mark.exam
 def test_a_gain_a_zone_and_a_curve_that_only_fit_together_are_named(curve: Diagnosis) -> None:
     assert {"shaft.gain", "shaft.dead_zone", "shaft.saturation"} <= {
         cause.id for cause in curve.causes

@@ -121,6 +121,7 @@ def test_what_is_planted_in_the_motors_circuit_is_named(
         assert low - 2.0 < percent < high + 2.0
 
 
+@pytest.mark.exam
 def test_a_load_that_goes_in_the_middle_is_dated_and_adopted_it_is_known() -> None:
     columns = hidden_log(3, material=0.0, from_s=300.0)
     found = diagnose_run(columns, sound())

@@ -55,6 +55,7 @@ def test_same_seed_same_case_whatever_is_made_beside_it(hidden: Any) -> None:
     assert other.truth != lone.truth
 
 
+@pytest.mark.exam
 def test_a_run_is_the_same_twice_and_keeps_the_contract(hidden: Any, short_eye: Any) -> None:
     make = hidden.runlog.columns
     effects = (hidden.nominal.Effect("flow.slope", 0.5),)

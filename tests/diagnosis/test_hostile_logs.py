@@ -103,6 +103,7 @@ def test_our_own_trouble_with_one_group_leaves_the_others_judged(
     )
 
 
+@pytest.mark.exam
 def test_numbers_that_are_none_are_left_out_of_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     report = diagnose.make_report
 

@@ -306,9 +306,7 @@ def of_nothing(seed: int) -> Diagnosis:
     return diagnose_run(whole_run(seed), Machine())
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))]
-)
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])
 def test_nothing_wrong_is_called_nothing(seed: int) -> None:
     found = of_nothing(seed)
     check(
@@ -515,15 +513,12 @@ def of(name: str) -> Machine:
     return load_config(name, MACHINE_KIND).model
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])
 @pytest.mark.parametrize("name", ["drive_alone", "planter", "spreader"])
 @pytest.mark.exam
-def test_nothing_wrong_with_a_machine_of_another_scale_is_called_nothing(
-    name: str, seed: int
-) -> None:
+def test_nothing_wrong_with_a_machine_of_another_scale_is_called_nothing(name: str) -> None:
     machine, alone = of(name), name == "drive_alone"
     found = diagnose_run(
-        drive_run(machine, seed) if alone else metering_run(machine, seed, LASTS_S[name]), machine
+        drive_run(machine, 1) if alone else metering_run(machine, 1, LASTS_S[name]), machine
     )
     check(
         found, verdict="none", channels=["shaft"] if alone else ["shaft", "gate", "flow", "scale"]

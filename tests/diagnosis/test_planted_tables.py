@@ -134,6 +134,7 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
 
 
 # Three tables of noise, and 150 that are held to the chance of 2 %.
+@pytest.mark.exam
 @pytest.mark.parametrize(
     ("seeds", "least", "make", "said"),
     [

@@ -159,6 +159,7 @@ def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() 
     assert np.std(told - true) < 0.3 * np.std(true)
 
 
+@pytest.mark.exam
 def test_where_the_shaft_stands_is_not_adopted() -> None:
     """Another run begins at another place of the shaft."""
     found = diagnosed("shaft_percent slope roll_deg slope=-0.5")
@@ -177,6 +178,7 @@ def test_where_the_shaft_stands_is_not_adopted() -> None:
     assert list_adoptable_terms(replace(found, terms=(turned,))) == ()
 
 
+@pytest.mark.exam
 def test_a_box_in_time_is_not_adopted() -> None:
     term = parse_term(
         "shaft_rpm span time_s low_end=200 high_end=290 above=0.8", Term.model_validate
@@ -204,6 +206,7 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     assert np.max(np.abs(seen - told)) < 0.4
 
 
+@pytest.mark.exam
 def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
     """What the term does on the mean and what a nominal value is off is not told apart: their
     sum is what it does."""

@@ -193,6 +193,7 @@ def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> 
     assert sure == {("product", "compound", "flow.gain"), ("machine", "a", "gate.offset")}
 
 
+@pytest.mark.exam
 def test_what_the_forms_of_many_machines_may_leave_is_no_more_than_a_product_shows_on_them() -> (
     None
 ):

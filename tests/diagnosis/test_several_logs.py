@@ -182,6 +182,7 @@ def test_the_machine_that_logs_are_held_against_takes_up_only_what_predicts_them
     ]
 
 
+@pytest.mark.exam
 def test_no_rows_are_missing_between_logs() -> None:
     first, lost = wheel_log(1, 1.03), taken(wheel_log(2, 1.03), np.r_[0:500, 520:2400])
     findings = pair(1.03, 1.03).together.findings

@@ -62,6 +62,7 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
     assert found == pytest.approx(late_s, rel=SHARE, abs=2.0 * STEP_S)
 
 
+@pytest.mark.exam
 def test_plateaus_of_speed_show_the_whole_latency() -> None:
     """Of a machine that hardly ever changes its speed, the noise of both sensors in their mean
     made a delay of 0.6 s look like one of 0.4 s."""

@@ -48,6 +48,7 @@ def test_drop_times_rise_again_and_come_in_steps() -> None:
     )
 
 
+@pytest.mark.exam
 def test_distances_and_rig_times_disagree_by_a_factor_and_a_delay_is_not_ruled_out() -> None:
     """Speed against delay is 2.4 to 1 by the straight part alone (the papers' page); with the
     rig's line taken as exact it was 1056 to 1. With the rise, and the rig's own drops to say

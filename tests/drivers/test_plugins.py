@@ -129,6 +129,7 @@ def test_an_effect_is_planted_and_what_is_found_like_it_is_named(
     )
 
 
+@pytest.mark.exam
 def test_a_plug_in_that_does_not_load_is_said_in_one_line(installed: Callable[..., Ran]) -> None:
     refused = installed("simulate", "--effect", "example.broken=1")
     assert refused.returncode == 2 and refused.stderr.startswith(

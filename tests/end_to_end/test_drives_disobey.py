@@ -80,9 +80,7 @@ def test_orders_played_in_again_turn_nothing_and_are_said(benchmark_module, name
 
 
 @pytest.mark.exam
-@pytest.mark.parametrize(
-    "machine", [pytest.param("huanghai", marks=pytest.mark.exam), "huanghai_sections"]
-)
+@pytest.mark.parametrize("machine", ["huanghai", "huanghai_sections"])
 def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
     """Holds, stops, calibrating runs, changes of the rate and of the strategy: drives that obey."""
     it = bench.Rig(machine, "sections_demo" if machine != "huanghai" else "demo")
@@ -119,6 +117,7 @@ def test_what_runs_down_after_a_catch_test_lies_in_the_tray(bench):
     assert not any("released_stopped" in (tick.row.events or "") for tick in it.ticks)
 
 
+@pytest.mark.exam
 def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
     it = bench.Rig()
     it.work()
@@ -186,19 +185,15 @@ def test_what_disagrees_is_said_and_costs_little(benchmark_module, name):
 # ------------------------------
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     ("name", "rate_percent", "place_m"),
     [
         ("steady 4.5 km/h", 2.0, 0.05),
-        *(
-            pytest.param(*one, marks=pytest.mark.exam)
-            for one in (
-                ("start of a pass, rolling", 3.5, 0.2),
-                ("accelerating 3 to 7 km/h, 0.5 m/s2", 14.5, 0.65),
-                ("decelerating 7 to 3 km/h, 0.5 m/s2", 18.5, 1.0),
-                ("reversing 4 m, going on", 13.0, 0.4),
-            )
-        ),
+        ("start of a pass, rolling", 3.5, 0.2),
+        ("accelerating 3 to 7 km/h, 0.5 m/s2", 14.5, 0.65),
+        ("decelerating 7 to 3 km/h, 0.5 m/s2", 18.5, 1.0),
+        ("reversing 4 m, going on", 13.0, 0.4),
     ],
 )
 def test_rate_and_place_error(benchmark_module, name, rate_percent, place_m):

@@ -97,6 +97,7 @@ GUIDE = ROOT / "docs" / "guides" / "first-day.md"
 TYPED = {"Space": " ", "Esc": "\x1b", "F3": "\x1bOR", "F10": "\x1b[21~"}
 
 
+@pytest.mark.exam
 def test_the_keys_of_the_operators_first_day(benchmark_module, tmp_path):
     """The first table of the guide: each key typed, and the screen says what the table says."""
     text = GUIDE.read_text(encoding="utf-8")

@@ -50,7 +50,7 @@ def test_a_first_diagnosis_then_compiles_nothing(tmp_path: Path) -> None:
     log = str(tmp_path / "log.csv")
     for words in (
         ("-m", "topdress.console.warm_up"),
-        (*warm_up.CONSOLE_COMMAND[1:], "simulate", "--seconds", "600", "--out", log),
+        (*warm_up.CONSOLE_COMMAND[1:], "simulate", "--seconds", "300", "--out", log),
     ):
         subprocess.run([sys.executable, *words], env=env, check=True, timeout=600)
     before = kept()

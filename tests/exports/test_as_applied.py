@@ -336,6 +336,7 @@ def logs(topdress: Callable[..., Result], tmp_path_factory: pytest.TempPathFacto
     return [folder / "run1.csv", folder / "run2.csv"]
 
 
+@pytest.mark.exam
 def test_a_line_for_each_log(
     topdress: Callable[..., Result], logs: list[Path], tmp_path: Path
 ) -> None:

@@ -106,6 +106,7 @@ def test_one_row_with_a_text_is_a_row_and_no_row_of_units(tmp_path: Path, text: 
         assert list(read_log(path).rows()) == [as_logged(row)]
 
 
+@pytest.mark.exam
 @given(
     rows_of_any_kind,
     st.randoms(use_true_random=False),

@@ -620,6 +620,7 @@ def test_task_files_are_counted_together(
     assert said in grown(MAP, zipped(tmp_path / "map.zip", entries))
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("text", ["a: [" + "1," * 900_000 + "1]", "a:\n" + "- {k: 1}\n" * 200_000])
 def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"

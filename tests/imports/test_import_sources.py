@@ -139,6 +139,7 @@ def test_a_cut_task_log_and_one_of_several(topdress: Callable[..., Result], tmp_
     )
 
 
+@pytest.mark.exam
 def test_our_own_task_export_comes_back(topdress: Callable[..., Result], tmp_path: Path) -> None:
     assert (
         topdress(

@@ -239,6 +239,7 @@ def test_a_healthy_drive_that_turns_both_ways_is_none(both_ways: dict[str, Array
     assert any("commands are below 0: it turned backwards" in one for one in found.findings)
 
 
+@pytest.mark.exam
 def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(
     both_ways: dict[str, Array],
 ) -> None:

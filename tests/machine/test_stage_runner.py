@@ -354,6 +354,7 @@ def test_variants_have_names_of_their_own() -> None:
     assert gate != shaft and "gate_step" in gate
 
 
+@pytest.mark.exam
 def test_what_is_damaged_is_compiled_anew(folder: Path) -> None:
     assert called(2.0) == (2.0, False) and called(3.0) == (3.0, False)
     assert called(2.0) == (2.0, True) and called(3.0) == (3.0, True)

@@ -288,6 +288,7 @@ def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
     assert make_nitrogen_table().rows[0] == (28.0, pytest.approx(17.75), pytest.approx(28.75))
 
 
+@pytest.mark.exam
 def test_sampling_prefers_one_hertz_in_both(crop: Crop) -> None:
     (table, changes), words = simulate_sampling(1)
     assert "1 Hz in the paper's figures and 1 Hz in 28 of 30 draws of ours" in words[0]

@@ -287,6 +287,7 @@ def test_a_log_is_still_a_log(tmp_path):
         read_prescription(log)
 
 
+@pytest.mark.exam
 def test_a_lattice_of_many_points(tmp_path):
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(200), np.arange(150)))
     frame = pl.DataFrame(

@@ -134,6 +134,7 @@ def test_a_start_before_the_first_course_is_no_lost_position(
     assert max(tick.row.shaft_rpm_cmd or 0.0 for tick in ticks) > 10.0
 
 
+@pytest.mark.exam
 def test_without_the_look_ahead_they_land_a_lag_distance_late(
     setup: Setup, grid: Prescription
 ) -> None:

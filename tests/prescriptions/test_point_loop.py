@@ -349,6 +349,7 @@ def test_a_shaft_that_turns_without_a_dose_is_an_alarm(bench: Setup) -> None:
     assert any("shaft_turns" in text for at, text in alarms.items() if 30.0 < at < 33.0)
 
 
+@pytest.mark.exam
 def test_the_speed_limit_is_shown_when_it_is_exceeded(bench: Setup) -> None:
     _, ticks = driven(
         bench,

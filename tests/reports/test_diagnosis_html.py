@@ -377,6 +377,7 @@ def test_each_of_two_causes_has_a_picture_of_its_own(
         assert "with the other causes" in said and "nominal machine" not in said
 
 
+@pytest.mark.exam
 def test_a_log_of_one_command_has_a_report(tmp_path: Path) -> None:
     """Nothing in it moves but time."""
     rng, log = np.random.default_rng(1), tmp_path / "held-log.csv"

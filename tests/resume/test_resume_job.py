@@ -198,11 +198,12 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     )
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     ("told", "second_dose"),
     [
         (None, False),
-        pytest.param(Order(Do.ALLOW_OUTSIDE, True), False, marks=pytest.mark.exam),
+        (Order(Do.ALLOW_OUTSIDE, True), False),
         (Order(Do.NO_DOUBLE, False), True),
     ],
 )
@@ -243,6 +244,7 @@ def test_the_tail_of_the_log_closes_the_gap(morning):
     assert add_log_tail(Snapshot("nowhere.csv"), Machine(), 0.45).log_path == "nowhere.csv"
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(("silent_s", "cut_s"), [((14.0, 40.0), 24.0), ((14.0, 23.0), 24.0)])
 def test_ground_spread_without_a_place_is_done_after_a_cut(tmp_path, silent_s, cut_s):
     """Killed while the receiver is silent, and just after its place returned."""

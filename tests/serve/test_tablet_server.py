@@ -362,6 +362,7 @@ def running(pids):
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts processes in /proc")
 
 
+@pytest.mark.exam
 @posix
 async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
     """Also where its console hangs: it is killed, and its place is free again."""

@@ -349,6 +349,7 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
     assert "are the operator's to set" in stairs
 
 
+@pytest.mark.exam
 def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     """By the real process: a drive that turns 5 % faster, and a file that took that up."""
     from topdress.control.machine.history import append_history

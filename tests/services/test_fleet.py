@@ -228,6 +228,7 @@ def test_the_sidecar_of_a_url() -> None:
     assert list_side_urls("a.b.parquet") == ("a.b.yaml", "a.b.import.yaml", "import.yaml")
 
 
+@pytest.mark.exam
 def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(
     tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

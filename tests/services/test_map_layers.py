@@ -48,6 +48,7 @@ def exported(run: RunLog, name: str) -> Path:
     return path
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(
     "name", ["run.csv", "applied.geojson", "applied.shp", "applied.zip", "applied.csv"]
 )

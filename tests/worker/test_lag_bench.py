@@ -229,6 +229,7 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
     return hand, attended, go
 
 
+@pytest.mark.exam
 def test_the_command_turns_the_shaft_only_while_the_key_is_down(bench, tmp_path):
     hand, attended, go = attend(bench, tmp_path)
     assert go(5.0).row.state == "ready", "nobody touched the key"

@@ -123,6 +123,7 @@ async def test_a_stdout_that_nobody_reads_starves_no_socket_and_ctrl_c_ends_it(
     writer.close()
 
 
+@pytest.mark.exam
 async def test_a_reader_that_goes_away_ends_it_without_a_word(
     working: Callable[[], Any], live: Callable[..., Any]
 ) -> None:

@@ -538,6 +538,7 @@ def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
     assert find_running_worker(tmp_path / "run" / "worker.json") == started[0]
 
 
+@pytest.mark.exam
 @posix
 def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
     """Nobody mends the file of a worker that is stopped by a debugger; its lock stands."""
@@ -553,6 +554,7 @@ def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
         os.kill(where.pid, signal.SIGCONT)
 
 
+@pytest.mark.exam
 @posix
 @pytest.mark.parametrize(
     "removed", [["worker.lock"], ["worker.lock", "worker.json"]], ids=["lock", "both"]
