@@ -128,7 +128,7 @@ def _limit_gain(gain: float, name: str, plain: Said, case: Plain) -> float:
     """Returns a gain no larger than a size allows that a machine within its tolerances has."""
     tolerance = case.tolerances.get(name, 0.0)
     size = plain.sizes.get(name, (0.0, 0.0))[0]
-    return min(gain, 0.5 * (size / tolerance) ** 2) if tolerance > 0.0 else min(gain, 300.0)
+    return min(gain, 0.5 * (size / tolerance) ** 2) if tolerance > 0.0 else gain
 
 
 def find_by_pysindy(case: Plain) -> Said:

@@ -24,6 +24,15 @@ STEP_S = 0.0125
 WINDOW_S = 10.0
 # Mean square from which a trace is there at all.
 LEAST_POWER = 1e-9
+# Faults that take away or add, never the other way: a size of the other sign is none of them.
+ONE_SIGN = (
+    *(f"shaft.{n}" for n in ("slow", "dead_time", "dead_band", "dead_zone", "saturation", "stall")),
+    *(f"shaft.{n}" for n in ("voltage_sag", "load_droop")),
+    *(f"gate.{n}" for n in ("backlash", "lost_steps", "slow", "stuck")),
+    *(f"flow.{n}" for n in ("fill_falloff", "hopper_head", "blocked_outlet", "leak", "pulsation")),
+    *("speed.wheel_slip", "speed.missed_pulses", "speed.gnss_latency", "canopy.saturation"),
+    *("lag.rebound", "lag.first_fill"),
+)
 # What a machine file tolerates of a size, 1 s.d., where it says nothing.
 TOLERANCES = {"gate.slow": 0.6, "gate.offset": 0.02}
 
@@ -367,6 +376,8 @@ def fit_channel(
         if own > 0.0:
             gain -= 0.5 * along**2 / (power + 1.0 / own**2)
         sd = float(np.hypot(power**-0.5, own)) / scale[k]
+        if size < 0.0 and name in ONE_SIGN:
+            size, gain = 0.0, 0.0
         share = min(1.0, size * along * noise / max(float(y @ y), 1e-12))
-        found[name] = Fit(float(size / scale[k]), sd, min(300.0, gain), share)
+        found[name] = Fit(float(size / scale[k]), sd, gain, share)
     return found

@@ -28,7 +28,10 @@ def exam() -> Iterator[Any]:
     before = list(sys.path)
     sys.path[:0] = [str(path) for path in PATHS]
     try:
-        modules = {name: importlib.import_module(name) for name in ("cases", "entries", "score")}
+        modules = {
+            name: importlib.import_module(name)
+            for name in ("cases", "drives", "entries", "export", "peers", "plain", "score")
+        }
         program = SimpleNamespace(**runpy.run_path(str(HERE / "__main__.py"), run_name="exam"))
         yield SimpleNamespace(**modules, main=program)
     finally:
@@ -181,6 +184,66 @@ def test_a_report_on_a_table_names_effects_of_tables_only(exam: Any, table: Any)
         for name in kept["answer"]["causes"]
     )
     assert sum(kept["answer"]["causes"].values()) < 2.0
+
+
+def _drive_case(exam: Any, off: dict[str, float], folder: Path) -> tuple[Path, Path]:
+    """Files of one drive that is off by sizes by id."""
+    rng = np.random.default_rng(11)
+    drive = exam.drives.draw_drive(rng)
+    speed = exam.drives.simulate(drive, off, 0) + drive.noise_rpm * rng.normal(
+        size=len(drive.command_rpm)
+    )
+    columns = {
+        "time_s": np.arange(len(speed)) * drive.row_s,
+        "shaft_rpm_cmd": drive.command_rpm,
+        "shaft_rpm": speed,
+        "supply_v": drive.supply_v,
+    }
+    exam.cases.write_columns(folder / "log.csv", columns)
+    (folder / "machine.yaml").write_text(exam.drives.format_machine(drive), encoding="utf-8")
+    (folder / "kind.txt").write_text("run", encoding="utf-8")
+    return folder / "log.csv", folder / "machine.yaml"
+
+
+FAULTS = {"shaft.gain": 6.0, "shaft.slow": 0.3, "shaft.dead_zone": 12.0, "shaft.dead_time": 0.04}
+
+
+@pytest.mark.parametrize("name, size", FAULTS.items())
+def test_the_plain_model_names_and_sizes_a_drives_fault(
+    exam: Any, tmp_path: Path, name: str, size: float
+) -> None:
+    case = exam.plain.read_case(*_drive_case(exam, {name: size}, tmp_path))
+    said = exam.peers.find_by_least_squares(case)
+    assert max(said.odds, key=lambda n: said.odds[n]) == name
+    assert said.odds[name] > 3.0
+    assert said.sizes[name][0] == pytest.approx(size, rel=0.3)
+
+
+def test_the_plain_model_names_nothing_of_a_sound_drive(exam: Any, tmp_path: Path) -> None:
+    case = exam.plain.read_case(*_drive_case(exam, {"ratio": 0.004, "tau_s": 0.01}, tmp_path))
+    assert max(exam.peers.find_by_least_squares(case).odds.values()) < 0.0
+
+
+def test_a_drives_trace_loses_what_its_tolerances_do(exam: Any) -> None:
+    seen = exam.drives.see(exam.drives.draw_drive(np.random.default_rng(5)))
+    # A ratio that is off by one standard deviation weighs at most one.
+    assert np.linalg.norm(seen.whiten({"ratio": 0.005}, 0)) < 1.05
+    assert np.linalg.norm(seen.whiten({"shaft.dead_zone": 20.0}, 0)) > 5.0
+
+
+def test_an_export_has_csv_and_parquet_alike_and_a_card(
+    exam: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import polars
+
+    monkeypatch.setattr(exam.cases, "TURNS", ("table", "drive"))
+    monkeypatch.setattr(sys, "argv", ["export.py", "--cases", "2", "--out", str(tmp_path)])
+    assert exam.export.main() == 0
+    for path in tmp_path.rglob("*.csv"):
+        assert polars.read_parquet(path.with_suffix(".parquet")).equals(polars.read_csv(path))
+    card = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert "2 cases of seed 1" in card and "| drive |" in card
+    assert len(polars.read_parquet(tmp_path / "truth.parquet")) == 2
 
 
 def test_the_examination_knows_the_diagnosis_through_its_entry_only() -> None:
