@@ -71,6 +71,11 @@ class PlannedRates:
         return (float(known.min()), float(known.max())) if known.size else None
 
     @property
+    def rated_ha(self) -> float:
+        """Area of the ground that has a rate above 0, ha."""
+        return float(np.count_nonzero(self.rate_kg_ha > 0.0)) * self.cell_m**2 / M2_PER_HA
+
+    @property
     def planned_mass_kg(self) -> float:
         """Mass of the whole plan, kg."""
         return float(np.nansum(self.rate_kg_ha, dtype=np.float64)) * self.cell_m**2 / M2_PER_HA
@@ -99,6 +104,13 @@ class FieldPicture:
     width_m: float = 2.4
     planned: PlannedRates | None = None
     sections: tuple[float, ...] = ()
+
+    @property
+    def work_ha(self) -> float | None:
+        """Area to be worked, ha: the ground of the plan that has a rate, else the whole field."""
+        if self.planned is None or self.area_ha is None:
+            return self.area_ha
+        return min(self.area_ha, self.planned.rated_ha)
 
     @property
     def box(self) -> GroundBox | None:

@@ -85,6 +85,7 @@ NOTE_NAMES = {
     "zero_below_cutoff": N_("bare soil: no rate"),
     "zero_yield_reached": N_("canopy needs nothing"),
     "zero_map": N_("the map says 0 here"),
+    "zero_unmapped": N_("no rate in the map here"),
     "zero_no_zone": N_("the zone gets nothing"),
     "zero_external": N_("the other display says 0"),
     "zero_silent": N_("the other display is silent: 0"),
@@ -148,8 +149,11 @@ def name_strategy(strategy: str | None) -> str:
     return _(STRATEGY_NAMES.get(strategy or "", strategy or ""))
 
 
-def name_source(source: str | None) -> str:
-    """Return the word of a target source."""
+def name_source(source: str | None, is_off_map: bool = False) -> str:
+    """Return the word of a target source. is_off_map : the map has no rate at a known position,
+    which is no fault of a sensor."""
+    if is_off_map:
+        return _("no rate in the map here")
     return _(SOURCE_NAMES.get(source or "", source or ""))
 
 

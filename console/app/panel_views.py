@@ -8,6 +8,7 @@ already rounded to the displayed digits.
 from __future__ import annotations
 
 from datetime import datetime, timedelta
+from math import ceil
 from typing import NamedTuple
 
 from topdress.console.app import frame_words
@@ -15,7 +16,7 @@ from topdress.console.app.units import Units, choose_unit
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from topdress.control.orders import Alarm, Severity
+from topdress.control.orders import Alarm, Severity, TargetSource
 from topdress.control.safety import ALARMS
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.signals import SIGNALS
@@ -197,6 +198,19 @@ def format_duration(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes:02d}:{rest:02d}"
 
 
+def format_time_left(seconds: float | None) -> str:
+    """Return a remaining time (s) in hours and minutes, such as "8 h 01 min"; "--" for None."""
+    if seconds is None:
+        return "--"
+    # Rounded up: the last minute is not 0 min.
+    hours, minutes = divmod(ceil(max(0.0, seconds) / 60.0), 60)
+    return (
+        _("{hours} h {minutes:02d} min").format(hours=hours, minutes=minutes)
+        if hours
+        else _("{minutes} min").format(minutes=minutes)
+    )
+
+
 def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
     """Return the local time of day of an ISO 8601 time minus `back_s`; "" where unknown."""
     if not utc:
@@ -280,12 +294,22 @@ def _make_status_view(
         frame_words.STATE_SYMBOLS.get(state, " "),
         word,
         frame_words.name_strategy(row.strategy),
-        frame_words.name_source(row.target_source),
+        frame_words.name_source(row.target_source, is_off_map(frame)),
         "",
         own + marks,
         silent,
         format_local_time(row.utc, utc_offset_s),
         format_duration(row.time_s),
+    )
+
+
+def is_off_map(frame: Frame) -> bool:
+    """Tell whether the map has no rate at the machine's position."""
+    row = frame.row
+    return (
+        frame.ordered_source == TargetSource.MAP
+        and row.target_source == TargetSource.FALLBACK
+        and row.lat_deg is not None
     )
 
 

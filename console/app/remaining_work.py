@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.panel_views import format_duration
+from topdress.console.app.panel_views import format_time_left
 from topdress.console.app.units import M2_PER_HA, Units
 from topdress.console.frame import Frame
 
@@ -27,9 +27,8 @@ class RemainingWork(NamedTuple):
         """Return time, mass and distance in one line."""
         if self.area_ha is None and self.product_kg is None:
             return "--"
-        time = "--" if self.time_s is None else format_duration(self.time_s)
         return (
-            f"{time}  {units.mass.format_with_name(self.product_kg)}  "
+            f"{format_time_left(self.time_s)}  {units.mass.format_with_name(self.product_kg)}  "
             f"{units.choose_way_unit(self.way_m).format_with_name(self.way_m)}"
         )
 
@@ -42,8 +41,8 @@ def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> Rem
     if frame is None or picture is None:
         return RemainingWork()
     planned = picture.planned
-    field_ha = picture.area_ha
-    left_ha = None if field_ha is None else max(0.0, field_ha - frame.area_ha)
+    work_ha = picture.work_ha
+    left_ha = None if work_ha is None else max(0.0, work_ha - frame.area_ha)
     # The first square metre gives no mean rate yet.
     worked = frame.area_ha > 1.0 / M2_PER_HA
     left_kg = None

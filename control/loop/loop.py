@@ -1050,12 +1050,12 @@ class ControlLoop:
             notes.append("on_headland")
         # A reason for zero is given only if no other note explains it.
         if not notes and decision.holding.rate_kg_ha == 0.0 and not decision.by_point:
-            notes += self._list_zero_reasons(decision.holding.source)
+            notes += self._list_zero_reasons(decision.holding.source, sensed)
         if sensed.time_s - self._growth_reported_s < GROWTH_REPORT_S:
             notes.append("growth_stage_outside")
         return tuple(notes)
 
-    def _list_zero_reasons(self, source: TargetSource) -> list[str]:
+    def _list_zero_reasons(self, source: TargetSource, sensed: SensedMotion) -> list[str]:
         """Returns the reasons for a target of 0, where its source gives a reason. A canopy's
         reason is that of its newest decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
@@ -1066,11 +1066,12 @@ class ControlLoop:
                 else ""
             )
             return [f"zero_{why}"] if why in CANOPY_ZERO_REASONS else []
-        if (
-            self._operator.choices.source is TargetSource.EXTERNAL
-            and source is TargetSource.FALLBACK
-        ):
-            return ["zero_silent"]
+        if source is TargetSource.FALLBACK:
+            chosen = self._operator.choices.source
+            if chosen is TargetSource.EXTERNAL:
+                return ["zero_silent"]
+            if chosen is TargetSource.MAP and sensed.east_m is not None:
+                return ["zero_unmapped"]
         return [f"zero_{source.value}"] if source in ZERO_RATE_SOURCES else []
 
 

@@ -10,11 +10,13 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.field_picture import FieldPicture, PlannedRates
+from topdress.console.app.frame_words import name_source
 from topdress.console.app.map_ink import draw_small_map
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.job.map_dialog import MapDialog
 from topdress.console.app.pages.job.service import FileChoice
+from topdress.console.app.panel_views import format_time_left, is_off_map
 from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import METRIC
 from topdress.console.colour_scale import find_rate_colour
@@ -185,6 +187,33 @@ def test_what_a_job_still_takes(frames):
     assert estimate_remaining(frame, None).format_remaining(METRIC) == "--"
 
 
+def test_what_a_part_map_still_takes_is_the_ground_that_has_a_rate(frames):
+    frame, rates = frames[-1], np.full((10, 10), np.nan, np.float32)
+    rates[:5], rates[5] = 300.0, 0.0
+    # Fifty cells of 100 m2 of a field of 2 ha.
+    picture = FieldPicture("", (), 2.0, 2.4, PlannedRates(0.0, 0.0, 10.0, rates))
+    assert picture.work_ha == pytest.approx(0.5)
+    left = estimate_remaining(frame, picture)
+    assert left.area_ha == pytest.approx(0.5 - frame.area_ha)
+    assert left.way_m == pytest.approx((0.5 - frame.area_ha) * 10_000 / 2.4)
+
+
+@pytest.mark.parametrize(
+    "seconds, text",
+    [(None, "--"), (0.0, "0 min"), (61.0, "2 min"), (3600.0, "1 h 00 min"), (28_920, "8 h 02 min")],
+)
+def test_a_time_left_is_said_in_hours_and_minutes(seconds, text):
+    assert format_time_left(seconds) == text
+
+
+def test_ground_without_a_rate_in_the_map_is_no_fallback(frames):
+    here = frames[-1].row._replace(target_source="fallback", lat_deg=34.0)
+    frame = replace(frames[-1], row=here, ordered_source="map")
+    assert is_off_map(frame) and name_source("fallback", True) == "no rate in the map here"
+    assert not is_off_map(replace(frame, row=here._replace(lat_deg=None))), "the position is lost"
+    assert not is_off_map(replace(frame, ordered_source="canopy"))
+
+
 async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
     ring = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
     drawn = draw_small_map(full.page, FieldPicture("", (ring,)), 8, 4)
@@ -215,7 +244,7 @@ async def test_the_job_page_tells_what_is_left(full, shown, pilot):
         await worker.wait()
     await settled(full, pilot)
     row = next(row for row in shown(full) if "to finish" in row)
-    assert " kg" in row and " m" in row and ":" in row
+    assert " kg" in row and " m" in row and " min" in row
 
 
 async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk, pilot):

@@ -220,7 +220,7 @@ async def test_area_and_product_done_and_left(app, pilot):
     items = {item.label: item.value.text for item in app.page.query_one("#map-job", Panel).view}
     frame, field = app.arrival.frame, sample_field()
     assert items["left"] == f"{field.area_ha - frame.area_ha:.2f} ha"
-    assert ":" in items["time left"] and items["time left"].endswith(" m")
+    assert " min  " in items["time left"] and items["time left"].endswith(" m")
     assert items["still needed"] == f"{field.planned.planned_mass_kg - frame.applied_kg:.0f} kg"
     assert items["done"] == f"{frame.area_ha:.2f} ha  {100 * frame.area_ha / field.area_ha:.0f} %"
     await pilot.press("u", "enter")

@@ -30,6 +30,7 @@ from topdress.control.simulation.tractor import PathLeg
 from topdress.control.simulation.tractor import TractorPath as Way
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import (
+    NO_FALLBACKS,
     Fallbacks,
     MapData,
     Prescription,
@@ -388,6 +389,17 @@ def test_changing_to_the_map_while_working_does_not_help():
 def test_a_machine_that_stands_beside_its_map_starts(south_m, west_m):
     """On it, on the headland before it, just beyond it."""
     assert Work(square(south_m, west_m)).order(Do.START).accepted
+
+
+def test_ground_without_a_rate_in_the_map_gets_nothing_and_is_no_fallback():
+    """The map begins 20 m north of the start."""
+    data = dataclasses.replace(square(20.0, -200.0), fallbacks=NO_FALLBACKS)
+    work = Work(data, with_field=True)
+    assert work.order(Do.START).accepted
+    tick = work.run(8.0)
+    assert work.kg == 0.0 and tick.row.target_source == "fallback"
+    assert "zero_unmapped" in tick.notes and "zero_fallback" not in tick.notes
+    assert work.run(40.0).row.target_rate_kg_ha == 250.0
 
 
 def test_in_a_field_that_the_map_covers_in_part_every_place_is_near():

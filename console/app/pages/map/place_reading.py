@@ -14,8 +14,8 @@ from topdress.console.app.panel_views import (
     AgedText,
     ItemView,
     find_rate_error,
-    format_duration,
     format_signed_percent,
+    format_time_left,
 )
 from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import Units
@@ -112,11 +112,10 @@ def list_job_items(
     if frame is None:
         return ()
     # Without a boundary no share can be given.
-    field_ha = picture.area_ha if picture is not None else None
+    work_ha = picture.work_ha if picture is not None else None
     left = estimate_remaining(frame, picture)
-    time_left = "--" if left.time_s is None else format_duration(left.time_s)
     # Overlap can make the worked area larger than the field.
-    share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
+    share = f"  {100.0 * min(1.0, frame.area_ha / work_ha):.0f} %" if work_ha else ""
     row = frame.row
     return tuple(
         ItemView(label, AgedText(text, stale))
@@ -125,7 +124,8 @@ def list_job_items(
             (_("left"), units.area.format_with_name(left.area_ha)),
             (
                 _("time left"),
-                f"{time_left}  {units.choose_way_unit(left.way_m).format_with_name(left.way_m)}",
+                f"{format_time_left(left.time_s)}  "
+                f"{units.choose_way_unit(left.way_m).format_with_name(left.way_m)}",
             ),
             (_("applied"), units.mass.format_with_name(frame.applied_kg)),
             (_("still needed"), units.mass.format_with_name(left.product_kg)),
