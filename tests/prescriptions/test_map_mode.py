@@ -392,8 +392,8 @@ def test_a_machine_that_stands_beside_its_map_starts(south_m, west_m):
 
 
 def test_ground_without_a_rate_in_the_map_gets_nothing_and_is_no_fallback():
-    """The map begins 20 m north of the start."""
-    data = dataclasses.replace(square(20.0, -200.0), fallbacks=NO_FALLBACKS)
+    """The map begins 40 m north of the start."""
+    data = dataclasses.replace(square(40.0, -200.0), fallbacks=NO_FALLBACKS)
     work = Work(data, with_field=True)
     assert work.order(Do.START).accepted
     tick = work.run(8.0)
