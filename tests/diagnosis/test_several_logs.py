@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.cli import app
-from topdress.control.diagnosis.runs.several import JointDiagnosis, diagnose_runs, join_logs
+from topdress.control.diagnosis.result import Diagnosis, Size, SourceSummary
+from topdress.control.diagnosis.runs.several import (
+    JointDiagnosis,
+    SharedEffect,
+    diagnose_runs,
+    join_logs,
+    note_differing_columns,
+)
 from topdress.control.log_row import COMMANDS_HELD_EVENT
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load_config
@@ -124,6 +131,39 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
         join_logs([first, held], ["a", "b"], Machine())
     with pytest.raises(ValueError, match="allowed two or more"):
         join_logs([first], ["a"], Machine())
+
+
+@pytest.mark.parametrize(
+    ("volts", "gains", "said"),
+    [
+        (
+            (14.0, 16.0, 18.0),
+            (4.0, 8.0, 12.0),
+            "line over it gives the sizes of shaft.gain",
+        ),
+        (
+            (14.0, 16.0, 18.0),
+            (4.0, 12.0, 4.0),
+            "supply_v differs between the logs as well (14,",
+        ),
+        ((14.0, 14.0, 14.0), (4.0, 8.0, 12.0), ""),
+    ],
+)
+def test_columns_that_differ_between_logs_are_asked_before_machines_of_a_kind(
+    volts: tuple[float, ...], gains: tuple[float, ...], said: str
+) -> None:
+    data = SourceSummary("run.csv", "run", 600, 60.0, "drive")
+    logs = [
+        Diagnosis(
+            data, (), "named", (), (), (), None, (), None,
+            excited={"supply_v": (volt - 0.1, volt + 0.1), "time_s": (0.0, volt)},
+        )
+        for volt in volts
+    ]  # fmt: skip
+    sizes = tuple(Size(gain, gain - 0.2, gain + 0.2, "%") for gain in gains)
+    found = note_differing_columns(logs, (SharedEffect("shaft.gain", None, sizes, 1e-9),))
+    assert len(found) == bool(said) and said in "".join(found)
+    assert ("straight line" in "".join(found)) is (gains == (4.0, 8.0, 12.0) and bool(said))
 
 
 @pytest.mark.exam

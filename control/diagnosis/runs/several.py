@@ -157,6 +157,8 @@ def diagnose_runs(
     if any(one.causes for one in alone):
         whole = against(of, 1 + len(given))
         if kinds := find_shared_effects(whole, alone):
+            asked = note_differing_columns(whole, kinds)
+            together = replace(together, findings=(*together.findings, *asked))
             return JointDiagnosis(together, of, whole, kinds)
     return JointDiagnosis(together, known, alone)
 
@@ -189,16 +191,45 @@ def find_shared_effects(
     )
 
 
-def _calc_cochran_p(sizes: Sequence[Size]) -> float:
+def note_differing_columns(
+    each: Sequence[Diagnosis], kinds: Sequence[SharedEffect]
+) -> tuple[str, ...]:
+    """Return findings about recorded columns whose ranges in two logs have nothing in common: one
+    machine whose effect depends on such a column is no pair of machines of a kind."""
+    unequal = ", ".join(one.id for one in kinds if one.p < FALSE_ALARM_PROB)
+    found = []
+    for name in sorted(set.intersection(*({*one.excited} for one in each)) - {"time_s"}):
+        ranges = [one.excited[name] for one in each]
+        if max(low for low, _ in ranges) <= min(high for _, high in ranges):
+            continue
+        middles = np.array([0.5 * (low + high) for low, high in ranges])
+        follows = len(each) > 2 and all(
+            _calc_cochran_p(one.sizes, middles) >= FALSE_ALARM_PROB for one in kinds
+        )
+        values = ", ".join(f"{middle:.4g}" for middle in middles)
+        found.append(
+            f"{name} differs between the logs as well ({values})"
+            + (f", and a straight line over it gives the sizes of {unequal}" if follows else "")
+            + f": is it one machine whose {unequal} depends on {name}? One machine recorded at "
+            "both values would tell it from machines of a kind"
+        )
+    return tuple(found)
+
+
+def _calc_cochran_p(sizes: Sequence[Size], along: npt.NDArray[np.float64] | None = None) -> float:
     """Return the p value of Cochran's Q: the probability of such different sizes if the true size
-    is equal."""
+    is equal, or a straight line over the values `along` (n,) of a column."""
     values = np.array([size.value for size in sizes], np.float64)
     half = 0.5 * (
         np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes])
     )
-    weights = (TWO_SIDED_90_QUANTILE / np.maximum(half, 1e-12)) ** 2
-    mean = float(weights @ values) / float(weights.sum())
-    return float(chdtrc(len(values) - 1, float(weights @ (values - mean) ** 2)))
+    weights = TWO_SIDED_90_QUANTILE / np.maximum(half, 1e-12)
+    basis = np.ones((len(values), 1))
+    if along is not None:
+        basis = np.column_stack((basis, along - along.mean()))
+    line = np.linalg.lstsq(basis * weights[:, None], values * weights, rcond=None)[0]
+    left = weights * (values - basis @ line)
+    return float(chdtrc(len(values) - basis.shape[1], float(left @ left)))
 
 
 def join_logs(
