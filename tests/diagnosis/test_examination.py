@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,7 +31,16 @@ def exam() -> Iterator[Any]:
     try:
         modules = {
             name: importlib.import_module(name)
-            for name in ("cases", "drives", "entries", "export", "peers", "plain", "score")
+            for name in (
+                "cases",
+                "drives",
+                "entries",
+                "export",
+                "peers",
+                "plain",
+                "report",
+                "score",
+            )
         }
         program = SimpleNamespace(**runpy.run_path(str(HERE / "__main__.py"), run_name="exam"))
         yield SimpleNamespace(**modules, main=program)
@@ -184,6 +194,29 @@ def test_a_report_on_a_table_names_effects_of_tables_only(exam: Any, table: Any)
         for name in kept["answer"]["causes"]
     )
     assert sum(kept["answer"]["causes"].values()) < 2.0
+
+
+def test_the_page_has_the_table_by_score_and_a_picture(exam: Any, tmp_path: Path) -> None:
+    truths = [_truth("shaft.gain"), _truth(), _truth("flow.gain"), _truth()]
+
+    def ask(good: float) -> list[Any]:
+        return [
+            exam.score.score_answer(
+                _say(dict.fromkeys(t["ids"], good), good * t["none"], 0.01), t, IDS, 0.5, 1.0
+            )
+            for t in truths
+        ]
+
+    by_entry = {"constant": ask(0.3), "topdress": ask(0.9)}
+    out = tmp_path / "page.md"
+    page = exam.report.write_page(
+        by_entry, ["run", "run", "drive", "table"], {"topdress": 1, "constant": 0}, out
+    )
+    rows = [line.split(" | ")[0] for line in page.splitlines() if line.startswith("| ")]
+    assert rows[1:3] == ["| topdress", "| constant"]
+    assert "peeked): topdress 1" in page and "![" in page
+    picture = ElementTree.fromstring((tmp_path / "page.svg").read_text(encoding="utf-8"))
+    assert picture.tag.endswith("svg") and len(list(picture)) > 2
 
 
 def _drive_case(exam: Any, off: dict[str, float], folder: Path) -> tuple[Path, Path]:
