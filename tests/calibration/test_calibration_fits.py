@@ -273,6 +273,7 @@ def test_ten_steps_tell_the_two_apart() -> None:
     assert singly.adopted[-1].id == "fall.carried_share" and singly.adopted[-1].high <= 0.7
 
 
+@pytest.mark.exam
 def test_few_or_foreign_rows_settle_nothing() -> None:
     with pytest.raises(
         ValueError, match=r"steps.csv: 2 rows of a change between two rates .* at least 3"

@@ -109,6 +109,7 @@ def test_replay_with_another_strategy_moves_the_other_drive(log: Path, tmp_path:
     assert {r["strategy"] for r in rows_of(new)[1:]} == {"speed_first"}
 
 
+@pytest.mark.exam
 def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -> None:
     """A word of older job files: at each door where it was accepted."""
     job, said = tmp_path / "old.yaml", "note: strategy balanced: works as opening_first"

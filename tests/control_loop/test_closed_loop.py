@@ -11,6 +11,7 @@ import pytest
 STRATEGIES = ["opening_first", pytest.param("speed_first", marks=pytest.mark.exam)]
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_look_ahead_puts_the_rate_where_it_belongs(simulated: Any, strategy: str) -> None:
     on = simulated(150.0, strategy).errors

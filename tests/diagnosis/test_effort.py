@@ -60,6 +60,7 @@ def sound_screw(load_kgf: int) -> Machine:
     return fit_effort(recorded("normal", load_kgf), SCREW, "normal")[0]
 
 
+@pytest.mark.exam
 @pytest.mark.skipif(
     not RECORDED.is_dir(), reason="the recordings are not in ../shared/data/known_causes"
 )

@@ -170,6 +170,7 @@ class Silent:
         pass
 
 
+@pytest.mark.exam
 def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_does(tmp_path):
     """Somebody else's controller spreads 300 kg/ha and tells it; this one listens."""
     lines = {"board": Silent(), "rates": Silent()}

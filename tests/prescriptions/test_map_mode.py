@@ -101,6 +101,7 @@ def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[flo
     return misses.tolist(), loop
 
 
+@pytest.mark.exam
 def test_steps_land_at_the_edges_of_the_cells(setup: Setup, grid: Prescription) -> None:
     misses, _ = driven(setup, grid, look_ahead=True)
     assert len(misses) >= 3

@@ -197,6 +197,7 @@ def test_what_has_no_driven_run_says_so(caught):
             ask(having(found._replace(drives=""), next_run=None))
 
 
+@pytest.mark.exam
 def test_data_that_cannot_be_used_is_one_line(files, folder):
     with pytest.raises(ValueError) as caught:
         files.run_diagnosis(
