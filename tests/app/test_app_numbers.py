@@ -178,6 +178,8 @@ def yes(app):
 
 async def test_a_refill_with_a_comma_is_that_refill(app, source, shown):
     async with app.run_test(size=(80, 24)) as pilot:
+        at_s = source.current_frame.row.time_s
+        feed(app, [{"time_s": at_s + 0.2, "speed_used_mps": 0.0, "state": "held"}])
         for text in ("12,5", "12.5", "１２，５", "12。5"):
             source.orders.clear()
             await pilot.press("f")
@@ -307,7 +309,7 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
             100.0,
             "250",
             False,
-            "The scale says 100 kg are in the hopper now, which holds 300 kg",
+            "The scale says 100 kg are in the hopper: 200 kg more fit.",
             id="neither_before_nor_after",
         ),
         pytest.param(
@@ -317,7 +319,13 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
             "The scale says 200 kg are in the hopper: 100 kg more fit.",
             id="more_than_fits",
         ),
-        pytest.param(200.0, "180", False, "", id="it_may_be_in_already"),
+        pytest.param(
+            285.0,
+            "250",
+            False,
+            "The scale says 285 kg are in the hopper: 15 kg more fit.",
+            id="it_may_be_in_already",
+        ),
         pytest.param(200.0, "100", True, "", id="what_fits"),
     ],
 )
@@ -346,6 +354,15 @@ async def test_a_refill_that_would_run_over_is_asked_again(
         assert source.orders == ([] if says else [Order(Do.REFILL, float(typed_kg))])
         if says:
             assert says in app.screen.text
+
+
+async def test_a_refill_of_a_machine_that_moves_is_asked_again(app, source):
+    async with app.run_test(size=SIZE) as pilot:
+        at_s = source.current_frame.row.time_s
+        feed(app, [{"time_s": at_s + 0.2, "hopper_kg": 100.0, "speed_used_mps": 1.2}])
+        await pilot.press("f", *"50", "enter")
+        assert isinstance(app.screen, Confirm) and "The machine moves" in app.screen.text
+        assert source.orders == []
 
 
 @pytest.mark.parametrize(

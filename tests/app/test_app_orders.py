@@ -67,7 +67,8 @@ ASKED = [
     (("h", "2", "enter"), Order(Do.ALLOW_OUTSIDE, True)),
     (("h", "1", "enter"), Order(Do.ALLOW_REVERSE, True)),
     (("h", "4", "enter"), Order(Do.NO_DOUBLE, False)),
-    (("f", "2", "5", "0", "enter"), Order(Do.REFILL, 250.0)),
+    # The machine of the sample moves, so the refill is asked again.
+    (("f", "2", "5", "0", "enter", "enter"), Order(Do.REFILL, 250.0)),
 ]
 
 

@@ -32,6 +32,7 @@ class RefillWatch:
 
     def __init__(self) -> None:
         self.seen_kg: float | None = None
+        self.is_moving = False
         # True after work was seen: only then is it certain that no refill preceded the watch.
         self._worked = False
         self._window: deque[tuple[float, float]] = deque()
@@ -40,8 +41,8 @@ class RefillWatch:
 
     def add_row(self, row: LogRow) -> None:
         """Add a row of the run. Work, movement or a silent scale restarts the recognition."""
-        moving = (row.speed_used_mps or 0.0) > MAX_STANDING_SPEED_MPS
-        if row.hopper_kg is None or row.state == "working" or moving:
+        self.is_moving = (row.speed_used_mps or 0.0) > MAX_STANDING_SPEED_MPS
+        if row.hopper_kg is None or row.state == "working" or self.is_moving:
             self._window.clear()
             self._level_kg = None
             if row.state == "working":
@@ -93,8 +94,7 @@ def explain_refill_doubt(
     watch
         Recognition by the scale.
     hopper_kg
-        Present reading of the scale, kg. Where `watch` has no level, the reading may or may not
-        include the refill.
+        Present reading of the scale, kg.
     full_kg
         Capacity of the hopper, kg.
     unit
@@ -106,20 +106,13 @@ def explain_refill_doubt(
         return _("The scale saw {seen} filled in.").format(
             seen=unit.format_with_name(watch.seen_kg)
         )
-    if watch.before_kg is not None:
-        if watch.before_kg + filled_kg <= full_kg + SCALE_ERROR_KG:
-            return ""
-        return _("The scale says {now} are in the hopper: {room} more fit.").format(
-            now=unit.format_with_name(watch.before_kg),
-            room=unit.format_with_name(max(0.0, full_kg - watch.before_kg)),
-        )
-    if (
-        hopper_kg is None
-        or filled_kg <= hopper_kg + SCALE_ERROR_KG
-        or hopper_kg + filled_kg <= full_kg + SCALE_ERROR_KG
-    ):
+    if watch.is_moving:
+        return _("The machine moves: is it being filled?")
+    # A reading that includes the refill already is confirmed by the operator.
+    level_kg = hopper_kg if watch.before_kg is None else watch.before_kg
+    if level_kg is None or level_kg + filled_kg <= full_kg + SCALE_ERROR_KG:
         return ""
-    return _(
-        "The scale says {now} are in the hopper now, which holds {full}: neither before nor "
-        "after it."
-    ).format(now=unit.format_with_name(hopper_kg), full=unit.format_with_name(full_kg))
+    return _("The scale says {now} are in the hopper: {room} more fit.").format(
+        now=unit.format_with_name(level_kg),
+        room=unit.format_with_name(max(0.0, full_kg - level_kg)),
+    )
