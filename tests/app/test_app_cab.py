@@ -61,7 +61,8 @@ async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source, pil
 async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(full, source):
     full.hopper_kg = 300.0
     source.current_frame = replace(
-        source.current_frame, row=source.current_frame.row._replace(hopper_kg=49.5)
+        source.current_frame,
+        row=source.current_frame.row._replace(hopper_kg=49.5, speed_used_mps=0.0),
     )
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("f", "f")
