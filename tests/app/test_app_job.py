@@ -67,6 +67,16 @@ def levels(frame, facts=FACTS, free=10**11, age_s=0.0, trouble=""):
     }
 
 
+async def test_a_console_of_another_computer_checks_what_it_knows(source, clock):
+    """A tablet reads no files of the machine's computer: that is no reason not to work."""
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        found = app.page.list_checks()
+        assert [check.label for check in found] == ["devices", "hopper", "log"]
+        assert find_worst_level(found) == OK, found
+
+
 def test_what_is_to_be_looked_at_before_work(frames):
     frame = frames[-1]
     assert levels(frame) == {

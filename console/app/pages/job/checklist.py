@@ -82,6 +82,7 @@ def list_checks(
     trouble: str,
     free_bytes: int | None,
     units: Units,
+    is_elsewhere: bool = False,
 ) -> tuple[JobCheck, ...]:
     """Return the checks before work.
 
@@ -99,11 +100,14 @@ def list_checks(
         Free space at the log; None where unknown.
     units
         Units of the texts.
+    is_elsewhere
+        Whether this console, such as a tablet, cannot read the files of the machine's computer:
+        what stands in them is not checked here.
     """
     found = [_check_devices(frame, age_s)]
-    if facts is None:
+    if facts is None and not is_elsewhere:
         found.append(JobCheck(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
-    else:
+    elif facts is not None:
         found += [
             *_list_job_names(facts),
             _check_crop(facts),
@@ -117,7 +121,7 @@ def list_checks(
             *_check_map(facts, units),
             _check_machine(facts),
         ]
-    found += [_check_hopper(frame, age_s, units), _check_log(frame, free_bytes)]
+    found += [_check_hopper(frame, age_s, units), _check_log(frame, free_bytes, is_elsewhere)]
     return tuple(found)
 
 
@@ -519,7 +523,7 @@ def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
     return JobCheck(label, LOOK if low else OK, units.mass.format_with_name(frame.row.hopper_kg))
 
 
-def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
+def _check_log(frame: Frame | None, free_bytes: int | None, is_elsewhere: bool) -> JobCheck:
     """Check whether a log is written and has free space."""
     label = _("log")
     if frame is None or not frame.log_path:
@@ -529,6 +533,8 @@ def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
         return JobCheck(
             label, LOOK, _("after a power cut the job could not go on"), (tally.trouble,)
         )
+    if is_elsewhere:
+        return JobCheck(label, OK, find_file_name(frame.log_path), (frame.log_path,))
     if free_bytes is None:
         return JobCheck(label, LOOK, _("free space not known"), (frame.log_path,))
     # Disks are sold and reported in decimal gigabytes.

@@ -16,7 +16,6 @@ from topdress.console.app.pages.job.checklist import (
     describe_index_doubt,
     describe_poor_strip,
     find_strips_in_force,
-    list_checks,
 )
 from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
 from topdress.console.app.pages.job.strip_measurement import MIN_STRIP_M, StripRun
@@ -37,11 +36,8 @@ EXPORT_FORMATS = [one for one in list_able("write_export") if not one.writing_ex
 
 def show_details(page: JobScreen) -> None:
     """Show all checks in full."""
-    frame, age_s = page.find_frame(page.app.clock())
     lines = []
-    for check in list_checks(
-        frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units
-    ):
+    for check in page.list_checks():
         lines += [
             f"{check.label}: {check.text}",
             *(f"    {text}" for text in check.full if text != check.text),

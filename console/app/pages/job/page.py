@@ -19,6 +19,7 @@ from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.base_page import Page
 from topdress.console.app.pages.job.checklist import (
     STRIP_RUNS,
+    JobCheck,
     find_file_name,
     find_strips_in_force,
     list_checks,
@@ -177,10 +178,7 @@ class JobScreen(Page):
         super().show_numbers(view)
         units = self.app.units
         frame, age_s = self.find_frame(self.app.clock())
-        trouble = self.trouble or (
-            "" if self.service is not None else _("files are not available here")
-        )
-        found = list_checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
+        found = self.list_checks()
         listed = self.query_one("#job-checks", CheckList)
         listed.show_view(found)
         # The totals are counted before the layout, which depends on their number.
@@ -202,6 +200,19 @@ class JobScreen(Page):
         totalled.show_view(done)
         self.query_one("#job-notes", JobNotes).show_view(
             NotesView(self._list_notes(frame), list_refills(frame, units, self.app.utc_offset_s))
+        )
+
+    def list_checks(self) -> tuple[JobCheck, ...]:
+        """Return the checks before work."""
+        frame, age_s = self.find_frame(self.app.clock())
+        return list_checks(
+            frame,
+            age_s,
+            self.facts,
+            self.trouble,
+            self.free_bytes,
+            self.app.units,
+            is_elsewhere=self.service is None,
         )
 
     def _list_next_chips(self) -> tuple[ActionChip, ...]:
