@@ -60,17 +60,14 @@ FLEET = (
 @pytest.mark.parametrize(
     ("start", "not_yet"),
     [
-        *((start, HEAVY) for start in LIGHT),
+        (", ".join(LIGHT), HEAVY),
         ("topdress.console.link", OF_FILES),  # the first paint waits for it
         # the worker takes as long to come up as the console, and at the same time: what is
         # imported before it is started comes on top of both
-        *(
-            (start, {*HEAVY, *OF_FILES, "shapely", "shapefile"})
-            for start in (
-                "topdress.console.cli",
-                "topdress.console.cli.screens",
-                "topdress.console.services.launcher",
-            )
+        (
+            "topdress.console.cli, topdress.console.cli.screens, "
+            "topdress.console.services.launcher",
+            {*HEAVY, *OF_FILES, "shapely", "shapefile"},
         ),
         ("topdress.console.worker.__main__", {"shapefile", "http"}),  # before a job names shapes
         # of the machine's model and files the first picture shows nothing: they are read once

@@ -291,6 +291,7 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive():
     assert (gone, back, other) == (None, [0.0, 0.0], None)
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("part", sorted(scenarios.SCENARIOS))
 def test_micropython_does_the_same(part, under_micropython):
     assert under_micropython[part] == scenarios.SCENARIOS[part]()
