@@ -21,6 +21,8 @@ VALID_FOR_S = MappingProxyType({name: times.log_s for name, times in VALID_FOR.i
 GNSS_VALID_FOR_S = VALID_FOR_S["lat_deg"]
 # This event says that from here on each command is in force until the next row.
 COMMANDS_HELD_EVENT = "commands_held"
+# This event, followed by an angle in degrees, orders one dose: the shaft turns without a set-point.
+DOSE_EVENT = "dose "
 # These events, followed by a name, mark the first row of each file of a joined log.
 FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "
 

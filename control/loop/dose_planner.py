@@ -8,6 +8,7 @@ from math import inf
 
 from topdress.control.field.job_totals import Totals
 from topdress.control.geodesy import offset_place
+from topdress.control.log_row import DOSE_EVENT
 from topdress.control.loop.tick_state import MeasuredState, OperatorChoices
 from topdress.control.loop.way_ahead import DOSE_PROFILE, WayAhead
 from topdress.control.machine.machine import Machine
@@ -114,7 +115,7 @@ class DosePlanner:
         if dose is not None:
             # The distance is recorded when the dose is ordered, since the machine moves on.
             self.ahead_m = self.points.given[-1].plant_m - sensed.track_m
-            events.append(f"dose {dose.angle_deg:g}")
+            events.append(f"{DOSE_EVENT}{dose.angle_deg:g}")
         return dose, events
 
     def is_dosed_earlier(self, sensed: SensedMotion, no_double: bool) -> bool:

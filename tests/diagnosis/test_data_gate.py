@@ -62,6 +62,17 @@ def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads(speed_mps, stage
     assert any("stood all the time" in text for text in clean.findings) is (stages == ("shaft",))
 
 
+def test_a_shaft_that_turns_for_single_doses_is_not_judged():
+    """Its set-point is 0 in every row: a healthy planter was a shaft that turns by itself."""
+    log = stairs_work()
+    columns = {**log, "events": np.full(len(log["time_s"]), "", object)}
+    assert {"shaft", "flow", "scale"} <= set(clean_run_log(columns).stages)
+    columns["events"][300] = "dose 120"
+    found = clean_run_log(columns)
+    assert not {"shaft", "flow", "scale"} & set(found.stages) and "gate" in found.stages
+    assert any("single doses" in finding for finding in found.findings)
+
+
 def test_a_shaft_that_never_turned_is_not_judged():
     still = {
         "time_s": 0.02 * np.arange(ROWS),

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, EFFORT_COLUMNS
+from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, DOSE_EVENT, EFFORT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.column_repair import mend_recording
 from topdress.control.recordings.finding import Finding
@@ -314,7 +314,8 @@ def clean_run_log(
         }
     )
     time = read["time_s"] - read["time_s"][0]
-    held = any(COMMANDS_HELD_EVENT in str(text).split(";") for text in set(read["events"].tolist()))
+    events = {word for text in set(read["events"].tolist()) for word in str(text).split(";")}
+    held = COMMANDS_HELD_EVENT in events
     least = MIN_SETTLED_ROWS if held else MIN_ROWS
     step = _calc_row_step(time, least, odd)
     found = {
@@ -347,20 +348,17 @@ def clean_run_log(
             else f"drove at {fastest:.2g} m/s at most, too slowly to tell speeds from noise"
         )
         findings.append(f"the machine {moved}: its speeds and canopy heads are left out")
-    stages = []
-    for stage, needed in REQUIRED_COLUMNS.items():
-        if not has(stage) or (stood and stage in ("speed", "heads")):
-            continue
-        missing = [name for name in needed if np.isfinite(found[name]).sum() < least]
-        if missing:
-            findings.append(
-                f"stage {stage} is left out: column {missing[0]} is missing or nearly empty"
-            )
-        else:
-            stages.append(stage)
-    if "flow" in stages:
-        stages.append("scale")
-    stages += _select_effort_drives(found, has, least)
+    dosed = any(word.startswith(DOSE_EVENT) for word in events)
+    unseen = {"speed", "heads"} if stood else set()
+    if dosed and has("shaft"):
+        unseen |= {"shaft", "flow", "effort"}
+        findings.append(
+            "the shaft turned for single doses, whose set-points are no column of a log: shaft, "
+            "flow and scale are left out"
+        )
+    stages = _select_stages(
+        found, lambda stage: has(stage) and stage not in unseen, least, findings
+    )
     further = _read_further_columns(read, {**found, "time_s": time}, findings)
     return CleanLog(
         time,
@@ -373,6 +371,26 @@ def clean_run_log(
         further,
         held,
     )
+
+
+def _select_stages(
+    found: Mapping[str, Array], has: Callable[[str], bool], least: int, findings: list[str]
+) -> list[str]:
+    """Return the stages whose columns have at least `least` values, and report the others."""
+    stages = []
+    for stage, needed in REQUIRED_COLUMNS.items():
+        if not has(stage):
+            continue
+        missing = [name for name in needed if np.isfinite(found[name]).sum() < least]
+        if missing:
+            findings.append(
+                f"stage {stage} is left out: column {missing[0]} is missing or nearly empty"
+            )
+        else:
+            stages.append(stage)
+    if "flow" in stages:
+        stages.append("scale")
+    return stages + _select_effort_drives(found, has, least)
 
 
 def _select_effort_drives(
