@@ -28,6 +28,9 @@ QUICK = {
     "job-120x40-zh",
     "settings-80x24-day",
     "alarm-list-100x30",
+    # The worst state of the run page: old numbers, and a dose error with an alarm in little room.
+    "gone-100x30",
+    "run-80x24-alarms",
 }
 
 
