@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from topdress.control.machine.effect import LONGEST_ANSWER
 from topdress.control.machine.machine import (
     CATALOGUE,
     Machine,
@@ -22,6 +23,8 @@ from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 
 # Ratio of a trial threshold to the next lower one.
 TRIAL_THRESHOLD_RATIO = 1.25
+# Ratio of a trial time to the next shorter one on a machine whose answers may be long.
+LONGER_RATIO = 2.5
 # Share of the highest shaft speed below which the shaft is commanded to stand.
 STANDING_SHAFT_SPEED_SHARE = 0.01
 
@@ -104,10 +107,15 @@ class EffectRow:
     # Whether the effect is a loss or an excess, which is never smaller than the machine file's.
     only_adds: bool = False
     costs: CostKind = CostKind.DOSE
+    # Trial sizes beyond these on a machine whose answers may be long.
+    longer: tuple[float, ...] = ()
 
     def scale_to_machine(self, machine: Machine) -> EffectRow:
         """Return the row with sizes scaled to a machine's ranges."""
         scale = calc_size_scale(self.id, machine)
+        if CATALOGUE[self.id].effect.scales_with == LONGEST_ANSWER:
+            # A drive with long answers may also have short ones.
+            return replace(self, longer=_list_longer_times(self.tried, scale))
         tried = tuple(scale * size for size in self.tried)
         if self.threshold:
             tried = (*_list_finer_thresholds(tried[0], machine), *tried)
@@ -121,7 +129,7 @@ class EffectRow:
     @property
     def trial_sizes(self) -> tuple[float, ...]:
         """Trial sizes of an effect that is nonlinear in its size; empty for a linear effect."""
-        return self.tried if len(self.tried) > 1 else ()
+        return (*self.tried, *self.longer) if len(self.tried) > 1 else ()
 
     @property
     def threshold(self) -> bool:
@@ -160,6 +168,15 @@ class EffectRow:
         return not (
             self.threshold or self.found_by is FoundBy.STEPS or CATALOGUE[self.id].effect.onset_only
         )
+
+
+def _list_longer_times(tried: tuple[float, ...], scale: float) -> tuple[float, ...]:
+    """Return trial times beyond the largest, s, up to the largest on a machine with answers that
+    are `scale` times as long."""
+    found, longest = [], tried[-1]
+    while (longest := longest * LONGER_RATIO) <= scale * tried[-1]:
+        found.append(longest)
+    return tuple(found)
 
 
 def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:

@@ -8,13 +8,16 @@ from collections.abc import Mapping, Sequence
 
 from topdress.control.diagnosis.dataframe_input import load_machine
 from topdress.control.diagnosis.effects import EFFECT_ROWS, find_size_range
+from topdress.control.machine.effect import LONGEST_ANSWER
 from topdress.control.machine.fault_injection import InjectedEffect
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import (
     CATALOGUE,
     Adopted,
+    Limits,
     Machine,
     add_effect,
+    allow_long_answers,
     find_size_bounds,
 )
 from topdress.control.machine.term_form import FORMS, SHAFT_ANGLE
@@ -73,7 +76,8 @@ def extend(
     >>> list_effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
     """
-    was = machine = load_machine(machine)
+    was = load_machine(machine)
+    machine = allow_long_answers(was, _find_longest_answer_s(was, diagnosis))
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in list_adoptable_causes(diagnosis):
@@ -124,6 +128,20 @@ def extend(
     if extended == was:
         return was
     return append_history(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
+
+
+def _find_longest_answer_s(machine: Machine, diagnosis: Diagnosis) -> float:
+    """Return the longest answer that the bounds of the diagnosed times must allow, s."""
+    sizes = [(cause.id, cause.size) for cause in list_adoptable_causes(diagnosis)]
+    sizes += list(diagnosis.fitted.sizes) if diagnosis.fitted else []
+    longest_s = 0.0
+    for effect_id, size in sizes:
+        entry = CATALOGUE[effect_id]
+        if entry.effect.scales_with == LONGEST_ANSWER and size.value is not None:
+            total = getattr(getattr(machine, entry.stage), entry.field) + size.value
+            share = total / (entry.high if total > 0.0 else entry.low)
+            longest_s = max(longest_s, share * Limits().longest_answer_s)
+    return longest_s
 
 
 def find_free_id(name: str, taken: Sequence[str]) -> str:

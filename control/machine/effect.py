@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, get_type_hints
 # Machine file numbers whose product scales a size: the highest shaft speed.
 SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)
+LONGEST_ANSWER = ("limits.longest_answer_s",)
 SLEW_RATE = ("gate.slew_mm_s",)
 HOPPER_CAPACITY = ("flow.full_kg",)
 # The product is the mass of a revolution at full opening.

@@ -89,6 +89,9 @@ class Limits(FrozenModel):
     shaft_off_percent: Annotated[float, Field(ge=1, le=15)] | None = None
     # The greatest trim is 10 %.
     trimmed_percent: Annotated[float, Field(ge=1, le=10)] | None = None
+    # Longest time that a diagnosis looks for in the shaft's answers, s; a log of a drive alone may
+    # raise it.
+    longest_answer_s: Annotated[float, Field(ge=5, le=3600)] = 5.0
 
 
 class SetPoints(FrozenModel):
@@ -298,6 +301,8 @@ class Machine(FrozenModel):
 
 # Maximum tolerance of the carried share for the tube to count as measured.
 MAX_MEASURED_TUBE_SD = 0.2
+# Longest time in the answers of a drive, s.
+LONGEST_ANSWER_S = 3600.0
 # Machine with all defaults; not validated, because validation needs this constant.
 NOMINAL_MACHINE = Machine.model_construct()
 
@@ -316,6 +321,16 @@ def _read_figure(machine: Machine, name: str) -> float:
     for part in name.split("."):
         value = getattr(value, part)
     return float(value)
+
+
+def allow_long_answers(machine: Machine, answer_s: float) -> Machine:
+    """Returns a drive alone with answers that may last `answer_s`; a machine that meters is
+    returned as it is."""
+    answer_s = min(answer_s, LONGEST_ANSWER_S)
+    if machine.has_stage("flow") or answer_s <= machine.limits.longest_answer_s:
+        return machine
+    limits = machine.limits.model_copy(update={"longest_answer_s": answer_s})
+    return machine.model_copy(update={"limits": limits})
 
 
 class SizeBounds(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import SHAFT_RANGE, Effect
+from .effect import LONGEST_ANSWER, SHAFT_RANGE, Effect
 from .model_elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
 
 # Minimum time constant of a machine file, s.
@@ -172,7 +172,7 @@ class Shaft(NamedTuple):
     ] = 0.0
     slow_s: Annotated[
         float,
-        Field(ge=-5, le=5),
+        Field(ge=-3600, le=3600),
         Effect(
             "shaft.slow",
             "s",
@@ -183,6 +183,8 @@ class Shaft(NamedTuple):
             "Check brushes, supply cable and the drive's acceleration setting.",
             "Small and large steps of the shaft command up and down.",
             probes=(0.02,),
+            bounds=(-5.0, 5.0),
+            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft takes {size} s longer than it should to come to its speed.",
                 "The shaft comes to its speed {size} s sooner than its data sheet says.",
@@ -191,7 +193,7 @@ class Shaft(NamedTuple):
     ] = 0.0
     second_order_s: Annotated[
         float,
-        Field(ge=0, le=5),
+        Field(ge=0, le=3600),
         Effect(
             "shaft.second_order",
             "s",
@@ -208,6 +210,8 @@ class Shaft(NamedTuple):
             "Single steps of the shaft command, up and down, in rows of a tenth of the time "
             "that it takes to settle.",
             probes=(0.02, 0.3),
+            bounds=(0.0, 5.0),
+            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft's speed follows through a second time constant of {size} s; "
                 "beyond a quarter of the first it "
@@ -239,7 +243,7 @@ class Shaft(NamedTuple):
     ] = 0.0
     extra_dead_time_s: Annotated[
         float,
-        Field(ge=-0.3, le=2),
+        Field(ge=-600, le=1500),
         Effect(
             "shaft.dead_time",
             "s",
@@ -250,6 +254,8 @@ class Shaft(NamedTuple):
             "Look at the bus cycle and the drive's filter setting.",
             "Steps of the shaft command, large and small: a dead time is the same for both.",
             probes=(0.01,),
+            bounds=(-0.3, 2.0),
+            scales_with=LONGEST_ANSWER,
             says=(
                 "The shaft answers {size} s too late.",
                 "The shaft answers {size} s sooner than expected.",

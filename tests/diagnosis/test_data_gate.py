@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.result import Cause, FieldCost, Size
 from topdress.control.diagnosis.runs.channels import make_hopper_channel
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
@@ -13,6 +14,7 @@ from topdress.control.diagnosis.runs.drives import find_repeated_rows
 from topdress.control.diagnosis.runs.findings import (
     note_faults_between_rows,
     note_left_ranges,
+    note_other_dynamics,
 )
 from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import CleanLog, clean_run_log
@@ -24,6 +26,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work, taken
 
 ROWS = 400
+DRIVE_ALONE = Machine(stages=("shaft",))
 
 
 def columns(speed_mps):
@@ -170,6 +173,23 @@ def test_a_log_beyond_what_a_file_was_adopted_from_is_said(
     said = note_left_ranges(make_run_data(clean_run_log(log), machine), machine)
     assert len(said) == bool(left) and left in "".join(said) and "x_count" not in "".join(said)
     assert note_left_ranges(make_run_data(clean_run_log(log), Machine()), Machine()) == []
+
+
+@pytest.mark.parametrize(
+    ("machine", "probability", "said"),
+    [(DRIVE_ALONE, 0.95, 1), (DRIVE_ALONE, 0.6, 0), (Machine(), 0.95, 0)],
+)
+def test_times_that_are_not_the_files_call_for_a_new_file(
+    machine: Machine, probability: float, said: int
+) -> None:
+    slow, gain = (
+        Cause(name, Size(9.0, 8.0, 10.0, "s"), None, probability, (), None, "", FieldCost(0.0, 0.0))
+        for name in ("shaft.slow", "shaft.gain")
+    )
+    found = note_other_dynamics((slow, gain), machine)
+    assert len(found) == said and all(
+        one.startswith("shaft.slow: the machine file's dynamics") for one in found
+    )
 
 
 def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:

@@ -38,7 +38,14 @@ from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
 from topdress.control.machine.heads import HeadInput
 from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.scale import ScaleInput
-from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from topdress.control.machine.shaft import (
+    Shaft,
+    ShaftInput,
+    ShaftOutput,
+    calc_dead_time_s,
+    calc_time_constant_s,
+    make_shaft_start,
+)
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.stage_runner import (
     MAX_MODEL_STEP_S,
@@ -46,7 +53,7 @@ from topdress.control.machine.stage_runner import (
     make_input_rows,
 )
 
-from .drives import Drive
+from .drives import SETTLE_S, START_SETTLE_TAUS, Drive
 from .effort import DriveEffort
 from .grid import Grid, join_clock
 from .hopper import Hopper
@@ -68,6 +75,8 @@ HEADROOM_KG = 5.0
 # Share and relative spread of the slow noise component where a channel has none: a negligible
 # share, known well.
 NEGLIGIBLE_DRIFT, NEGLIGIBLE_SPREAD = 0.01, 0.1
+# Number of readings that tell where a drive stands at first: an outlier among them is no matter.
+FIRST_READINGS = 3
 # Correlation time, s, that represents white noise.
 WHITE_TIME_S = 0.02
 
@@ -132,6 +141,8 @@ def simulate_drive_rows(drive: Drive) -> RowPredictor:
     count, command = len(drive.time_s), drive.command
     first, begin_s = float(command[0]), float(drive.clock_s[0])
     run_stage, start, output = _STAGE[drive.name]
+    known = drive.measured[np.isfinite(drive.measured)][:FIRST_READINGS]
+    first_reading = float(np.median(known)) if len(known) else first
     if drive.name == "shaft":
         inputs = make_input_rows(
             ShaftInput,
@@ -148,11 +159,15 @@ def simulate_drive_rows(drive: Drive) -> RowPredictor:
 
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = list_parameter_switches(plan, drive.name, drive.time_s)
+        state = start(first, begin_s)
+        # A slow drive does not forget where it stood within the rows that are left out.
+        if drive.name == "shaft" and calc_settling_s(sets[0]) > SETTLE_S:
+            state = state._replace(rpm=first_reading)
         return np.asarray(
             run_stage(
                 sets,
                 rows,
-                start(first, begin_s),
+                state,
                 output(first, first),
                 inputs,
                 drive.clock_s,
@@ -161,6 +176,11 @@ def simulate_drive_rows(drive: Drive) -> RowPredictor:
         )
 
     return run
+
+
+def calc_settling_s(p: Shaft) -> float:
+    """Return the time in which a shaft forgets its speed at the start, s."""
+    return START_SETTLE_TAUS * (calc_dead_time_s(p) + calc_time_constant_s(p))
 
 
 def make_drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:

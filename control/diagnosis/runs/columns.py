@@ -645,7 +645,7 @@ def _choose_slope_step(part: EffectInstance, machine: Machine) -> float:
     row = EFFECT_ROWS[part.id].scale_to_machine(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))
     if row.trial_sizes:
-        step = max(0.02 * abs(part.size), 0.02 * abs(row.trial_sizes[-1]))
+        step = max(0.02 * abs(part.size), 0.02 * abs(row.tried[-1]))
     if part.id == effects.SPEED_GNSS_LATENCY.id:
         step = LATENCY_STEP_S
     return step if part.size + step <= find_size_bounds(part.id, machine).high else -step

@@ -45,7 +45,7 @@ from .findings import (
 )
 from .hypothesis import Hypothesis
 from .intermittent import DirectDetection, remove_spells
-from .log import CleanLog, clean_run_log
+from .log import CleanLog, clean_run_log, fit_answers_to_log
 from .model import CHANNEL_GROUPS
 from .quantised import correct_steps
 from .rates import describe_rate_fit, fit_rate_passes
@@ -209,7 +209,8 @@ def diagnose_run(
     >>> found.gain[0].after < 0.9 * found.gain[0].before
     True
     """
-    given, of = read_columns(columns), load_machine(machine)
+    given = read_columns(columns)
+    of = fit_answers_to_log(load_machine(machine), given)
     found = judge_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
     misspelt = find_misspelt_columns(given)
     return replace(
@@ -246,6 +247,7 @@ def judge_run(
             raise Cancelled from error
 
     step(0.0, "data")
+    machine = fit_answers_to_log(machine, columns)
     log, data, read_off = prepare_log(columns, machine)
     findings = [
         *log.findings,

@@ -17,8 +17,9 @@ from topdress.control.diagnosis.judgement.prior import (
     calc_row_log_odds,
     calc_unit_log_odds,
 )
-from topdress.control.machine.effect import OPENING_RANGE
-from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.diagnosis.result import Cause
+from topdress.control.machine.effect import LONGEST_ANSWER, OPENING_RANGE
+from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import make_drive_channel
@@ -310,6 +311,23 @@ def note_left_ranges(data: RunData, machine: Machine) -> list[str]:
         f"this log leaves the range of the recordings that the machine file was adopted from "
         f"({'; '.join(left)}): that it holds here is not known"
     ] * bool(left)
+
+
+def note_other_dynamics(causes: Sequence[Cause], machine: Machine) -> list[str]:
+    """Return a finding about times of a drive alone that are not those of its machine file."""
+    if machine.has_stage("flow"):
+        return []
+    found = [
+        one.id
+        for one in causes
+        if CATALOGUE[one.id].effect.scales_with == LONGEST_ANSWER
+        and one.onset_s is None
+        and one.probability >= MIN_NAMED_PROB
+    ]
+    return [
+        f"{', '.join(found)}: the machine file's dynamics are not those of this log: topdress "
+        "machine --from LOG --out NEW.yaml writes it anew; adopting adds what was found"
+    ] * bool(found)
 
 
 def _has_numbers(values: npt.NDArray[Any]) -> bool:

@@ -87,7 +87,9 @@ def make_log_rows(log: CleanLog, machine: Machine) -> LogRows:
             "pitch_deg", bridge_gaps(time, c["pitch_deg"], np.zeros(len(time))), log.step_s
         ),
         working.astype(np.float64),
-        np.zeros(len(time), bool) if log.held else find_lost_commands(time, log.step_s),
+        np.zeros(len(time), bool)
+        if log.held
+        else find_lost_commands(time, log.step_s, machine.has_stage("flow")),
     )
 
 
@@ -109,9 +111,13 @@ def find_loading_opening_mm(time: Array, opening_mm: Array, machine: Machine) ->
     return np.append(opening_mm[1:] - counts * ways_mm, opening_mm[-1:])
 
 
-def find_lost_commands(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
-    """Return the rows before which commands may be missing from the log: (n,)."""
-    if step_s > MAX_FINE_STEP_S:
+def find_lost_commands(time: Array, step_s: float, meters: bool) -> npt.NDArray[np.bool_]:
+    """Return the rows before which commands may be missing from the log: (n,).
+
+    The control of a machine that meters commands ten times a second. A drive alone is of another
+    program, which logs as it commands.
+    """
+    if step_s > MAX_FINE_STEP_S and meters:
         return np.ones(len(time), bool)
     return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
 

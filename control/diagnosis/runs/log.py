@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.log_row import COLUMNS, COMMANDS_HELD_EVENT, DOSE_EVENT, EFFORT_COLUMNS
+from topdress.control.machine.machine import Machine, allow_long_answers
 from topdress.control.orders import State
 from topdress.control.recordings.column_repair import mend_recording
 from topdress.control.recordings.finding import Finding
@@ -87,6 +88,8 @@ UNREAD_COLUMNS = frozenset(COLUMNS) - {
 UNIT_COLUMNS = ("time_s", "lat_deg", "lon_deg")
 # Speed below which a machine stands, m/s: the noise of a receiver.
 STANDING_MPS = 0.05
+# Longest answer of a drive alone as a share of its log.
+LONGEST_ANSWER_SHARE = 0.25
 # Minimum number of rows of a log.
 MIN_ROWS = 40
 # Minimum number of rows of settled answers: each is a mean, and a rising staircase has this many
@@ -503,4 +506,14 @@ def _calc_fastest_mps(found: dict[str, Array]) -> float:
             if np.isfinite(found[name]).any()
         ),
         default=np.inf,
+    )
+
+
+def fit_answers_to_log(machine: Machine, columns: Mapping[str, npt.NDArray[Any]]) -> Machine:
+    """Return a drive alone whose answers may last up to LONGEST_ANSWER_SHARE of a log: a longer
+    time does not settle within it."""
+    time_s = np.asarray(columns.get("time_s", np.zeros(1)), np.float64)
+    time_s = time_s[np.isfinite(time_s)]
+    return allow_long_answers(
+        machine, LONGEST_ANSWER_SHARE * float(np.ptp(time_s)) if len(time_s) else 0.0
     )

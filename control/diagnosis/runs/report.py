@@ -67,6 +67,7 @@ from .findings import (
     find_row_shift_probability,
     is_steady_part,
     note_doubted_rows,
+    note_other_dynamics,
 )
 from .gain import calc_size_spread, measure_gain
 from .hypothesis import EffectInstance, make_schedule
@@ -392,6 +393,7 @@ def make_report(
             )
         ),
     )
+    findings = (*findings, *note_other_dynamics(causes, machine))
     excited = {
         word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
         for word, series in data.variables.items()
