@@ -15,6 +15,8 @@ from topdress.control.diagnosis.runs.findings import (
     note_faults_between_rows,
     note_left_ranges,
     note_other_dynamics,
+    note_unread_efforts,
+    note_unsure_drives,
 )
 from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import CleanLog, clean_run_log
@@ -190,6 +192,18 @@ def test_times_that_are_not_the_files_call_for_a_new_file(
     assert len(found) == said and all(
         one.startswith("shaft.slow: the machine file's dynamics") for one in found
     )
+
+
+def test_rows_that_are_not_judged_and_efforts_that_no_stage_reads_are_said() -> None:
+    log = columns(np.full(ROWS, 1.3))
+    log["shaft_rpm"][: ROWS // 5] = np.nan
+    log |= {"shaft_effort": np.ones(ROWS), "gate_effort": np.full(ROWS, np.nan)}
+    clean = clean_run_log(log)
+    data = make_run_data(clean, Machine())._replace(efforts=())
+    said = note_unsure_drives(clean, data, Machine())
+    assert "stage shaft: 80 of 400 rows are not judged: its reading is unknown" in said
+    (unread,) = note_unread_efforts(log, data)
+    assert unread.startswith("column shaft_effort is read by no stage")
 
 
 def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:

@@ -8,6 +8,8 @@ import math
 import random
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,19 +21,20 @@ from topdress.console.app.pages.diagnosis.service import DiagnosisView
 from topdress.console.cli.diagnose import adopt_findings
 from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_order
 from topdress.control.diagnosis.extend import extend, find_cause_refusal
+from topdress.control.diagnosis.prediction import plain_rival
 from topdress.control.diagnosis.result import Cause, Diagnosis, Rival
 from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.channels import make_channels
 from topdress.control.diagnosis.runs.diagnose import diagnose_run, prepare_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.search import Search
-from topdress.control.machine.machine import Limits
+from topdress.control.machine.machine import Limits, Machine, list_effect_sizes
 from topdress.control.machine.shaft import calc_time_constant_s
 from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.config_kinds import MACHINE_KIND
 from topdress.drivers.files.plain_data import build_from_plain
 
-from tests.diagnosis.logs import DRIVE, Columns, staircase, steps
+from tests.diagnosis.logs import DRIVE, Columns, staircase, steps, wrong
 from tests.diagnosis.planted import error_on
 
 
@@ -93,6 +96,26 @@ def test_freedom_of_form_moves_no_size() -> None:
 def test_a_drive_may_be_quicker_than_its_data_sheet_and_never_ahead() -> None:
     assert calc_time_constant_s(DRIVE.shaft._replace(slow_s=-0.04)) == pytest.approx(0.02)
     assert calc_time_constant_s(DRIVE.shaft._replace(slow_s=-1.0)) > 0.0
+
+
+def test_numbers_that_overflow_take_no_other_numbers_along(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fit(_log: Any, _channels: Any, file: Machine, _steps: int) -> Machine:
+        if "shaft.neutral" in list_effect_sizes(file):
+            raise ValueError("array must not contain infs or NaNs")
+        return file
+
+    monkeypatch.setattr(plain_rival, "fit_machine_file", fit)
+    monkeypatch.setattr(plain_rival, "calc_errors_by_channel", lambda *_: {"shaft": np.ones(3)})
+    monkeypatch.setattr(
+        plain_rival,
+        "_make_starting_machine",
+        lambda machine, _drive, new, _share: wrong(dict.fromkeys(new, 5.0), machine),
+    )
+    on_log: Any = SimpleNamespace(data=SimpleNamespace(shaft=None))
+    sets = [("shaft.gain",), ("shaft.gain", "shaft.neutral")]
+    assert list(plain_rival._fit_parameter_sets(on_log, DRIVE, sets)) == sets[:1]
 
 
 def eight_duties(seed: int) -> Columns:

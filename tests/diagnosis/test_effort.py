@@ -94,6 +94,12 @@ def sound() -> Machine:
     return machine
 
 
+def test_a_file_that_lists_its_stages_reads_the_effort_that_is_written_into_it() -> None:
+    for stages, then in ((("shaft",), ("shaft", "effort")), ((), ())):
+        listed = METERING.model_copy(update={"stages": stages})
+        assert fit_effort(hidden_log(1), listed, "sound.csv")[0].stages == then
+
+
 def named(found: Diagnosis) -> dict[str, tuple[float, float]]:
     return {
         cause.id: (float(cause.size.low or 0.0), float(cause.size.high or 0.0))
