@@ -55,13 +55,15 @@ def test_a_case_that_was_wrong_once_is_right(number, seed, categories):
     )
 
 
-# Unseen cases of seeds 33105, 52906 and 88117 that were named at p 1.00 and wrong.
+# Unseen cases of seeds 33105, 52906, 70411 and 88117 that were named at p 1.00 and wrong.
 SURE_AND_WRONG = [
     pytest.param(26, 52906, id="a loss by roll: the lower tail of the readings was missing pulses"),
     pytest.param(56, 52906, id="loud uneven noise: its lower tail was missing pulses"),
     pytest.param(
         53, 33105, id="a log that is read a row late was a dead time, though the gate is late too"
     ),
+    pytest.param(19, 70411, id="a delay of GNSS was measured in noise, at a row a second"),
+    pytest.param(43, 70411, id="a delay of GNSS was measured in noise, in a foreign log"),
     pytest.param(53, 88117, id="a stall was a gain of -97 % and a dead band of 52 r/min"),
 ]
 

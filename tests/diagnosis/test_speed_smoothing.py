@@ -12,6 +12,7 @@ from topdress.control.diagnosis.runs.channels import make_channels
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
 from topdress.control.diagnosis.runs.log import clean_run_log
+from topdress.control.diagnosis.runs.speed_and_heads import _measure_delay_s
 from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.drivers.files.config import load_config
@@ -81,3 +82,28 @@ def test_plateaus_of_speed_show_the_whole_latency() -> None:
     found = diagnose_run(columns, machine)
     (late,) = (one for one in found.causes if one.id == SPEED_GNSS_LATENCY.id)
     assert late.size.value == pytest.approx(late_s, abs=0.06)
+
+
+@pytest.mark.parametrize("step_s", [0.05, 0.2, 1.0])
+def test_no_delay_is_measured_in_noise_that_the_speeds_do_not_share(step_s: float) -> None:
+    """A machine at one speed: at a row a second no row lies within the memory of the filter."""
+    time_s, delays_s = np.arange(0.0, 1500.0 * min(1.0, 4.0 * step_s), step_s), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        gnss, wheel = (1.4 + rng.normal(0.0, sd, len(time_s)) for sd in (0.03, 0.02))
+        delays_s.append(_measure_delay_s(time_s, gnss, wheel))
+    assert sum(delay_s > 0.0 for delay_s in delays_s) <= 1, delays_s
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.2, 1.0])
+def test_the_delay_of_a_speed_that_changes_is_measured(step_s: float) -> None:
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 900.0, step_s)
+    levels = rng.uniform(0.8, 2.2, 200)
+
+    def drive(at_s):
+        return np.interp(at_s / 5.0, np.arange(200), levels)
+
+    late_s = 2.0 * step_s if step_s < 1.0 else 1.0
+    gnss = drive(time_s - late_s) + rng.normal(0.0, 0.03, len(time_s))
+    wheel = drive(time_s) + rng.normal(0.0, 0.02, len(time_s))
+    assert abs(_measure_delay_s(time_s, gnss, wheel) - late_s) < 0.3 * step_s

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d, uniform_filter1d
-from topdress.control.diagnosis.judgement.prior import FAULT_PROB
+from topdress.control.diagnosis.effects import EFFECT_ROWS
+from topdress.control.diagnosis.judgement.prior import calc_log_prior_odds
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speed_unit import MOVING_MPS
 
@@ -29,6 +30,10 @@ MAX_DELAY_S = 3.0
 # Window of the means that are subtracted in the search for a delay, s: the longest period of a
 # speed sensor's own noise (`channels.MAX_NOISE_PERIOD_S`).
 DELAY_WINDOW_S = 4.5
+# Largest correlation of two speeds that are printed to four decimals.
+MAX_CORRELATION = 1.0 - 1e-8
+# Longest distance of two rows without one missing between them, as a share of the usual distance.
+MAX_ROW_SHARE = 1.5
 # Minimum number of readings to separate the noise of two sensors: variances to 7 %.
 MIN_PAIRED_READINGS = 400
 # Minimum number of frequencies of an octave; lower frequencies join the first octave that has
@@ -128,8 +133,9 @@ def _measure_delay_s(time_s: Array, gnss_mps: Array, wheel_mps: Array) -> float:
     """Return the most probable delay of the GNSS speed behind the wheel's, s; 0 where no delay is
     more probable.
 
-    Both sensors have their own noise, so the mean square of (GNSS speed advanced by the delay -
-    wheel speed) is least at the delay. Slow differences (slip) are no delay: means over
+    Both sensors have their own noise, so the correlation rho of (GNSS speed advanced by the delay,
+    wheel speed) is largest at the delay; its log-likelihood is -n/2 ln(1 - rho^2), which gains
+    nothing from noise that both do not share. Slow differences (slip) are no delay: means over
     DELAY_WINDOW_S are subtracted. Readings within NOISE_MEMORY_S count as one.
 
     Parameters
@@ -147,20 +153,28 @@ def _measure_delay_s(time_s: Array, gnss_mps: Array, wheel_mps: Array) -> float:
         one - uniform_filter1d(one, window)
         for one in (np.interp(even_s, time_s, series) for series in (gnss_mps, wheel_mps))
     )
-    # Nothing is known within a gap of the log.
-    known = np.diff(time_s)[np.searchsorted(time_s, even_s, side="right") - 1] < FILTER_MEMORY_S
+    # Nothing is known within a gap of the log: longer than the filter's memory and than a row.
+    gap_s = max(FILTER_MEMORY_S, MAX_ROW_SHARE * step_s)
+    known = np.diff(time_s)[np.searchsorted(time_s, even_s, side="right") - 1] < gap_s
+    seen = known[:count]
+    # A speed that never changes has no delay.
+    if not seen.any() or min(np.ptp(one[:count][seen]) for one in (gnss, wheel)) <= 0.0:
+        return 0.0
     # Delays are whole rows: between rows, interpolation would smooth the noise.
     delayed = range(longest + 1)
-    squares = [np.mean((gnss[k : k + count] - wheel[:count])[known[:count]] ** 2) for k in delayed]
-    independent = known.sum() * step_s / max(step_s, NOISE_MEMORY_S)
-    log_odds = -0.5 * independent * np.log(np.maximum(squares, 1e-12))
-    # The prior of a delay is that of a fault of the speeds, shared over the delays.
-    log_odds[1:] += np.log(FAULT_PROB / max(1, longest))
+    alike = np.array(
+        [np.corrcoef(gnss[k : k + count][seen], wheel[:count][seen])[0, 1] for k in delayed]
+    )
+    independent = seen.sum() * step_s / max(step_s, NOISE_MEMORY_S)
+    log_odds = -0.5 * independent * np.log1p(-(np.clip(alike, 0.0, MAX_CORRELATION) ** 2))
+    # The prior of a delay is that of the effect, shared over the delays.
+    names = sum("speed" in row.channels for row in EFFECT_ROWS.values())
+    log_odds[1:] += calc_log_prior_odds("steady", names) - np.log(max(1, longest))
     best = int(np.argmax(log_odds))
     if not 0 < best < longest:
         return best * step_s
-    before, there, after = squares[best - 1 : best + 2]
-    return float(best + 0.5 * (before - after) / max(before - 2.0 * there + after, 1e-12)) * step_s
+    before, there, after = alike[best - 1 : best + 2]
+    return float(best + 0.5 * (after - before) / max(2.0 * there - before - after, 1e-12)) * step_s
 
 
 def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
