@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import convolve1d, uniform_filter1d
+from scipy.ndimage import convolve1d
 from topdress.control.diagnosis.effects import EFFECT_ROWS
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.prior import calc_log_prior_odds
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speed_unit import MOVING_MPS
@@ -27,13 +28,13 @@ SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))
 NOISE_MEMORY_S = 0.5
 # Longest delay of a receiver's speed that is looked for, s.
 MAX_DELAY_S = 3.0
-# Window of the means that are subtracted in the search for a delay, s: the longest period of a
-# speed sensor's own noise (`channels.MAX_NOISE_PERIOD_S`).
+# Longest period in the search for a delay, s: the longest period of a speed sensor's own noise
+# (`channels.MAX_NOISE_PERIOD_S`).
 DELAY_WINDOW_S = 4.5
-# Largest correlation of two speeds that are printed to four decimals.
-MAX_CORRELATION = 1.0 - 1e-8
-# Longest distance of two rows without one missing between them, as a share of the usual distance.
-MAX_ROW_SHARE = 1.5
+# Largest coherence of two speeds that are printed to four decimals.
+MAX_COHERENCE = 1.0 - 1e-8
+# Bandwidth of the Hann taper, frequencies (Harris, Proc. IEEE 66, 1978, 51).
+TAPER_BANDWIDTH = 1.5
 # Minimum number of readings to separate the noise of two sensors: variances to 7 %.
 MIN_PAIRED_READINGS = 400
 # Minimum number of frequencies of an octave; lower frequencies join the first octave that has
@@ -133,10 +134,12 @@ def _measure_delay_s(time_s: Array, gnss_mps: Array, wheel_mps: Array) -> float:
     """Return the most probable delay of the GNSS speed behind the wheel's, s; 0 where no delay is
     more probable.
 
-    Both sensors have their own noise, so the correlation rho of (GNSS speed advanced by the delay,
-    wheel speed) is largest at the delay; its log-likelihood is -n/2 ln(1 - rho^2), which gains
-    nothing from noise that both do not share. Slow differences (slip) are no delay: means over
-    DELAY_WINDOW_S are subtracted. Readings within NOISE_MEMORY_S count as one.
+    A delay turns the phase between both speeds in proportion to the frequency, and noise that they
+    do not share has no phase. In each octave the coherence g at a delay is fitted, which gains
+    -n ln(1 - g^2) over independent speeds, n frequencies (Knapp and Carter, IEEE Trans. Acoust. 24,
+    1976, 320); an octave without a common speed is as probable as one with it, at half ln n for g
+    (Schwarz, Ann. Stat. 6, 1978, 461). Slow differences (slip) are no delay: periods above
+    DELAY_WINDOW_S are left out.
 
     Parameters
     ----------
@@ -145,36 +148,37 @@ def _measure_delay_s(time_s: Array, gnss_mps: Array, wheel_mps: Array) -> float:
     """
     step_s = float(np.median(np.diff(time_s)))
     even_s = np.arange(time_s[0], time_s[-1], step_s)
-    window, longest = max(3, round(DELAY_WINDOW_S / step_s)), round(MAX_DELAY_S / step_s)
-    count = len(even_s) - longest
-    if count < 2 * window:
-        return 0.0
+    taper, longest = np.hanning(len(even_s)), round(MAX_DELAY_S / step_s)
     gnss, wheel = (
-        one - uniform_filter1d(one, window)
+        np.fft.rfft(taper * (one - one.mean()))
         for one in (np.interp(even_s, time_s, series) for series in (gnss_mps, wheel_mps))
     )
-    # Nothing is known within a gap of the log: longer than the filter's memory and than a row.
-    gap_s = max(FILTER_MEMORY_S, MAX_ROW_SHARE * step_s)
-    known = np.diff(time_s)[np.searchsorted(time_s, even_s, side="right") - 1] < gap_s
-    seen = known[:count]
-    # A speed that never changes has no delay.
-    if not seen.any() or min(np.ptp(one[:count][seen]) for one in (gnss, wheel)) <= 0.0:
-        return 0.0
-    # Delays are whole rows: between rows, interpolation would smooth the noise.
-    delayed = range(longest + 1)
-    alike = np.array(
-        [np.corrcoef(gnss[k : k + count][seen], wheel[:count][seen])[0, 1] for k in delayed]
+    frequency_hz = np.fft.rfftfreq(len(even_s), step_s)
+    quick = frequency_hz > 1.0 / DELAY_WINDOW_S
+    octave = np.floor(np.log2(frequency_hz[quick] * DELAY_WINDOW_S)).astype(int)
+    independent = np.bincount(octave) / TAPER_BANDWIDTH
+    shared = (gnss * wheel.conj())[quick]
+    power = np.sqrt(
+        np.prod([np.bincount(octave, np.abs(one[quick]) ** 2) for one in (gnss, wheel)], axis=0)
     )
-    independent = seen.sum() * step_s / max(step_s, NOISE_MEMORY_S)
-    log_odds = -0.5 * independent * np.log1p(-(np.clip(alike, 0.0, MAX_CORRELATION) ** 2))
+
+    def calc_gain(delay_s: float) -> float:
+        turned = (shared * np.exp(2j * np.pi * frequency_hz[quick] * delay_s)).real
+        coherence = np.bincount(octave, turned) / np.maximum(power, 1e-300)
+        squares = np.clip(coherence, 0.0, MAX_COHERENCE) ** 2
+        gains = -independent * np.log1p(-squares) - 0.5 * np.log(np.maximum(1.0, independent))
+        return float(np.sum(np.logaddexp(0.0, gains)))
+
     # The prior of a delay is that of the effect, shared over the delays.
     names = sum("speed" in row.channels for row in EFFECT_ROWS.values())
-    log_odds[1:] += calc_log_prior_odds("steady", names) - np.log(max(1, longest))
-    best = int(np.argmax(log_odds))
+    prior = calc_log_prior_odds("steady", names) - np.log(max(1, longest))
+    gains = np.array([calc_gain(k * step_s) + prior * (k > 0) for k in range(longest + 1)])
+    best = int(np.argmax(gains))
     if not 0 < best < longest:
         return best * step_s
-    before, there, after = alike[best - 1 : best + 2]
-    return float(best + 0.5 * (after - before) / max(2.0 * there - before - after, 1e-12)) * step_s
+    return step_s * climb_to_best(
+        float(best), lambda k: calc_gain(k * step_s), lambda k, by: (k - by, k + by), [0.5, 0.25]
+    )
 
 
 def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
