@@ -134,7 +134,6 @@ PEERS = {
     "sysidentpy": ("peers", "diagnose_sysidentpy"),
     "pysindy": ("peers", "diagnose_pysindy"),
     "ruptures": ("peers", "diagnose_ruptures"),
-    "emdcmp": ("peers", "diagnose_emdcmp"),
     "learner": ("learner", "diagnose_learner"),
     "learner_300": ("learner", "diagnose_learner_300"),
     "learner_100": ("learner", "diagnose_learner_100"),
