@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from topdress.console.cli.plain_output import LINE_START, RED_CODE, PlainOutput
@@ -85,18 +86,16 @@ def test_nothing_is_told_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
-@pytest.mark.parametrize(
-    "command",
-    ["simulate --seconds 30 --out {0}/run.csv", "replay {0}/run.csv --headless --out {0}/new.csv"],
-)
-def test_a_real_command_on_a_real_terminal(
-    command: str, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.getbasetemp() / "progress"
-    folder.mkdir(exist_ok=True)
-    said = on_a_terminal(command.format(folder).split())
-    assert LINE_START in said and "Ctrl-C cancels" in said and RED_CODE not in said
-    assert not re.search(r"Ctrl-C cancels\)[^\r]*\n", said), "no line of progress ends in a new one"
+def test_real_commands_on_a_real_terminal(tmp_path: Path) -> None:
+    for command in (
+        "simulate --seconds 30 --out {0}/run.csv",
+        "replay {0}/run.csv --headless --out {0}/new.csv",
+    ):
+        said = on_a_terminal(command.format(tmp_path).split())
+        assert LINE_START in said and "Ctrl-C cancels" in said and RED_CODE not in said
+        assert not re.search(r"Ctrl-C cancels\)[^\r]*\n", said), (
+            "no line of progress ends in a new one"
+        )
 
 
 def on_a_terminal(arguments: list[str]) -> str:
