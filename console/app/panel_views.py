@@ -42,6 +42,9 @@ MAX_STANDING_RPM = SafetyLimits().shaft_stands_rpm
 # Numbers that the Run page shows next to its tiles where the machine has them.
 RUN_SIGNALS = {name: one for name, one in SIGNALS.items() if one.is_on_run}
 
+# From this time left, h, minutes tell an operator nothing.
+LONG_TIME_LEFT_H = 10
+
 
 class AgedText(NamedTuple):
     """Holds a text, and whether its value is stale."""
@@ -198,17 +201,19 @@ def format_duration(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes:02d}:{rest:02d}"
 
 
-def format_time_left(seconds: float | None) -> str:
-    """Return a remaining time (s) in hours and minutes, such as "8 h 01 min"; "--" for None."""
+def format_time_left(seconds: float | None, is_short: bool = False) -> str:
+    """Return a remaining time (s) in hours and minutes, such as "8 h 01 min", from ten hours on in
+    hours; "--" for None. is_short : without the word for minutes after hours."""
     if seconds is None:
         return "--"
     # Rounded up: the last minute is not 0 min.
     hours, minutes = divmod(ceil(max(0.0, seconds) / 60.0), 60)
-    return (
-        _("{hours} h {minutes:02d} min").format(hours=hours, minutes=minutes)
-        if hours
-        else _("{minutes} min").format(minutes=minutes)
-    )
+    if hours >= LONG_TIME_LEFT_H:
+        return _("{hours} h").format(hours=hours + (minutes > 0))
+    if not hours:
+        return _("{minutes} min").format(minutes=minutes)
+    text = _("{hours} h {minutes:02d}") if is_short else _("{hours} h {minutes:02d} min")
+    return text.format(hours=hours, minutes=minutes)
 
 
 def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:

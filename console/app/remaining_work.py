@@ -27,10 +27,12 @@ class RemainingWork(NamedTuple):
         """Return time, mass and distance in one line."""
         if self.area_ha is None and self.product_kg is None:
             return "--"
-        return (
-            f"{format_time_left(self.time_s)}  {units.mass.format_with_name(self.product_kg)}  "
-            f"{units.choose_way_unit(self.way_m).format_with_name(self.way_m)}"
+        parts = (
+            format_time_left(self.time_s, is_short=True),
+            units.mass.format_with_name(self.product_kg),
+            units.choose_way_unit(self.way_m).format_with_name(self.way_m),
         )
+        return "  ".join(parts)
 
 
 def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:

@@ -206,6 +206,11 @@ def test_a_time_left_is_said_in_hours_and_minutes(seconds, text):
     assert format_time_left(seconds) == text
 
 
+def test_a_long_time_left_is_said_in_hours_and_a_short_text_leaves_a_word_out():
+    assert format_time_left(75_300.0) == "21 h" and format_time_left(36_000.0) == "10 h"
+    assert format_time_left(28_920.0, is_short=True) == "8 h 02"
+
+
 def test_ground_without_a_rate_in_the_map_is_no_fallback(frames):
     here = frames[-1].row._replace(target_source="fallback", lat_deg=34.0)
     frame = replace(frames[-1], row=here, ordered_source="map")
