@@ -28,9 +28,8 @@ SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))
 NOISE_MEMORY_S = 0.5
 # Longest delay of a receiver's speed that is looked for, s.
 MAX_DELAY_S = 3.0
-# Longest period in the search for a delay, s: the longest period of a speed sensor's own noise
-# (`channels.MAX_NOISE_PERIOD_S`).
-DELAY_WINDOW_S = 4.5
+# Longest period in the search for a delay, s: a tractor that starts and stops.
+DELAY_WINDOW_S = 2.0 * SPEED_WINDOWS_S[-1]
 # Largest coherence of two speeds that are printed to four decimals.
 MAX_COHERENCE = 1.0 - 1e-8
 # Bandwidth of the Hann taper, frequencies (Harris, Proc. IEEE 66, 1978, 51).
