@@ -383,10 +383,16 @@ def _add_best_part(
     )[:MAX_REFINED]
     if not refits:
         return None
-    best = max(refits, key=lambda one: board.calc_log_odds(one, now))
+    odds = [board.calc_log_odds(one, now) for one in refits]
+    best = refits[int(np.argmax(odds))]
     # A gain over no effect counts as far as it is even. That favours a model that is wrong
-    # everywhere over one that is wrong at the beginning only, so the best fit is compared with it.
-    fits_best = max(refits, key=board.calc_score)
+    # everywhere over one that is wrong at the beginning only, so the best fit of those that are
+    # more likely than no effect is compared with it.
+    fits_best = max(
+        (one for one, own in zip(refits, odds, strict=True) if own > MIN_REPORT_LOG_ODDS),
+        key=board.calc_score,
+        default=best,
+    )
     if board.calc_log_odds(fits_best, best) > 0.0:
         best = fits_best
     best = refine_onsets(board.search, best)
