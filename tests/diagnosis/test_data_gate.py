@@ -165,6 +165,7 @@ def test_a_log_beyond_what_a_file_was_adopted_from_is_said(
     volts: float, most_rpm: float, left: str
 ) -> None:
     commands = np.repeat(np.linspace(20.0, most_rpm, 10), 40)
+    commands[:120] = 0.0  # the shaft stands, which is no set-point beyond the range
     log = columns(np.full(ROWS, 1.3)) | {
         "shaft_rpm_cmd": np.tile(commands, 2)[:ROWS],
         "supply_v": np.full(ROWS, volts),

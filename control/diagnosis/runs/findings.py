@@ -18,7 +18,7 @@ from topdress.control.diagnosis.judgement.prior import (
     calc_unit_log_odds,
 )
 from topdress.control.diagnosis.result import Cause
-from topdress.control.machine.effect import LONGEST_ANSWER, OPENING_RANGE
+from topdress.control.machine.effect import LONGEST_ANSWER, OPENING_RANGE, SHAFT_RANGE
 from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -39,6 +39,7 @@ from .hypothesis import EffectInstance, make_schedule
 from .inputs import MAX_FINE_STEP_S
 from .log import MIN_SETTLED_ROWS, CleanLog
 from .model import find_tolerance
+from .onset import TURNING_RPM
 from .row_order import calc_late_gate_gain
 from .selection import GroupResult
 from .smooth import MIN_RANGE, NOMINAL_RANGES
@@ -296,6 +297,11 @@ def note_left_ranges(data: RunData, machine: Machine) -> list[str]:
         if name not in data.variables:
             continue
         values = data.variables[name]
+        if name == "shaft_rpm":
+            # A shaft that stands leaves no range.
+            values = values[np.abs(values) > scale_nominal(machine, SHAFT_RANGE) * TURNING_RPM]
+        if not values.size:
+            continue
         # A further column that rises and never falls counts rows or time.
         counts = np.ptp(values) > 0.0 and (np.diff(values) >= 0.0).all()
         if name not in RANGE_COLUMNS and (name in MIN_RANGE or counts):
